@@ -70,7 +70,7 @@ def planar_elastica_dead(
     stiffness_Nm2: ArrayLike,
     inclination_rad: ArrayLike = 0.0,
 ) -> _PlanarShape:
-    """As `_planar_elastica`, under a force that keeps its direction: a hanging weight, for instance.
+    """`_planar_elastica` under a force of fixed direction, such as a hanging weight.
 
     `inclination_rad`, () or (B,), is the force's angle from the normal of the *undeformed* antenna, positive where it
     pushes the antenna back. Loads a = F·l²/EI above 60, which leave less than 0.1° between antenna and force, give NaN.

@@ -1,6 +1,6 @@
-"""What whiskers are made of: Young's modulus and density of each material, and the ranges in which they plausibly lie.
+"""Materials of whiskers: Young's modulus and density of each, and their plausible ranges.
 
-Moduli are those of drawn wire and of rods along their fibres at room temperature, by manufacturers' data sheets.
+Moduli are those of drawn wire and of rods along their fibres at room temperature, from manufacturers' data sheets.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from vbaa_calib.core.errors import Diagnosis
 
 @dataclass(frozen=True)
 class Material:
-    """A material: its usual modulus (Pa) and density (kg/m³), and the least and largest of what is sold under the name.
+    """A material: its usual modulus (Pa) and density (kg/m³), and the ranges of what is sold under the name.
 
     Superelastic and plastic materials have wide ranges: heat treatment, temperature and moisture change them.
     """
@@ -25,22 +25,22 @@ class Material:
     density_range_kg_m3: tuple[float, float]
 
     def has_modulus(self, youngs_modulus_Pa: float) -> bool:
-        """Whether this material can have this Young's modulus."""
+        """Whether a Young's modulus is in the material's range."""
         low, high = self.modulus_range_Pa
         return low <= youngs_modulus_Pa <= high
 
     def has_density(self, density_kg_m3: float) -> bool:
-        """Whether this material can have this density."""
+        """Whether a density is in the material's range."""
         low, high = self.density_range_kg_m3
         return low <= density_kg_m3 <= high
 
     @staticmethod
     def named(name: object) -> Material | None:
-        """The material of this name, however it is capitalised; None for any other."""
+        """The material of this name in any capitalisation; None if unknown."""
         return next((one for one in MATERIALS.values() if one.name.lower() == str(name).strip().lower()), None)
 
     def doubts(self, youngs_modulus_Pa: float, density_kg_m3: float) -> list[Diagnosis]:
-        """Whether it can have this modulus and density; each doubt with the materials that have them."""
+        """Doubts whether the material can have this modulus and density, each with the materials that can."""
         found = []
         if not self.has_modulus(youngs_modulus_Pa):
             low, high = (1e-9 * bound for bound in self.modulus_range_Pa)
@@ -57,7 +57,7 @@ class Material:
 
 
 def _row(name: str, modulus_GPa: tuple[float, float, float], density_kg_m3: tuple[float, float, float]) -> Material:
-    """A material of (usual, least, largest) modulus and density."""
+    """A material from (usual, least, largest) modulus, GPa, and density."""
     usual, low, high = (1e9 * value for value in modulus_GPa)
     return Material(name, usual, (low, high), density_kg_m3[0], density_kg_m3[1:])
 

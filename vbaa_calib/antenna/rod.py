@@ -30,7 +30,7 @@ TORSION_RATIO = 1.3  # EI/GJ = 1 + ν of a round wire of metal, ν = 0.3
 
 
 class _RodNumbers(NamedTuple):
-    """A rod as the core reads it.
+    """A rod's numbers in the core's form.
 
     length_m : from the clamp to the tip. bend, twist : 1/EI and 1/GJ. mass_per_length_kg_m : as the rod's.
     pieces : as the taper's.
@@ -49,7 +49,7 @@ class _RodNumbers(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Rod:
-    """What the antenna is made of and how it is clamped.
+    """A rod's material, mass, natural curvature and clamping.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class Rod:
         return self.mass_per_length_kg_m * self.taper.weight * self.length_m
 
     def yielding_m(self, distance_m: np.ndarray) -> np.ndarray:
-        """(B,) small deflection at arc lengths (B,) by a force of 1 N there."""
+        """(B,) deflection at arc lengths (B,) per N of force there, for small deflections."""
         uniform = distance_m**3 / (3.0 * self.bending_stiffness_Nm2)
         return uniform * self.taper.yielding(distance_m / self.length_m)
 
@@ -182,7 +182,8 @@ def solve_rod(
 def _rigidly_clamped(
     rod: Rod, gravity: np.ndarray, contact: np.ndarray, force: np.ndarray, guess_moment_Nm: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes (B, N, 4, 3) and moment (B, 3) about the antenna frame's origin. Raises SolveError."""
+    """Nodes (B, N, 4, 3) of the rod in a rigid clamp, and the moment (B, 3) about the antenna frame's origin. Raises
+    SolveError."""
     lever = rod.T_antenna_clamp.translation_m
     unit = rod.bending_stiffness_Nm2 / rod.length_m
     weight = rod.mass_kg * gravity
@@ -211,21 +212,21 @@ def _rigidly_clamped(
 
 
 def _shape_of(rod: Rod, contact_m: np.ndarray, nodes: np.ndarray, clamp_moment_Nm: np.ndarray) -> RodShape:
-    """B solved rods by their nodes (B, N, 4, 3): position, directors d1 and d2, moment."""
+    """B solved rods from their nodes (B, N, 4, 3): position, directors d1 and d2, moment."""
     tangents = nodes[:, :, 1] / np.linalg.norm(nodes[:, :, 1], axis=-1, keepdims=True)
     return RodShape(_node_arclength(rod, contact_m).T, nodes[:, :, 0], tangents, clamp_moment_Nm)
 
 
 def _node_arclength(rod: Rod, contact_m: np.ndarray) -> np.ndarray:
-    """(N, B) arc length of the nodes: two equally divided segments that meet at the contact (B,), or in the middle
-    where that is at the tip."""
+    """(N, B) arc lengths of the nodes: two evenly divided segments that meet at the contact (B,), or half way for a
+    contact at the tip."""
     split = np.where(contact_m < rod.length_m, contact_m, rod.length_m / 2)
     share = np.linspace(0.0, 1.0, STEPS_PER_SEGMENT + 1)[:, None]
     return np.concatenate([share * split, (split + share * (rod.length_m - split))[1:]])
 
 
 def sample_shape(shape: RodShape, arclength_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points (B, K, 3) and unit tangents (B, K, 3) at arc lengths (B, K), cut off at the ends of the rod.
+    """Points (B, K, 3) and unit tangents (B, K, 3) at arc lengths (B, K), clipped to the rod's ends.
 
     Cubic Hermite between the nodes: below 1e-8 of the length for shapes that the nodes resolve.
     """

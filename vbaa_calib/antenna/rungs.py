@@ -34,7 +34,7 @@ def curves(
     friction_rad: np.ndarray | None = None,
     taper: Taper = UNIFORM,
 ) -> Curves:
-    """Shapes of B antennas as a rung of the ladder sees them.
+    """Shapes of B antennas by the mechanical model of one rung.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The antenna as the inverse problems see it: clamp, bow, weight and one point force to a curve in space."""
+"""Shape of the antenna for the inverse problems: from clamp, bow, weight and one point force to a curve in space."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ inside it."""
 
 @dataclass(frozen=True, eq=False)
 class Curves(Rows):
-    """A batch of B antenna shapes, each on its own N nodes.
+    """A batch of B antenna shapes, each at its own N nodes.
 
     Attributes
     ----------
@@ -102,6 +102,6 @@ def bend(
 
 
 def curves_of(contact_m: np.ndarray, length_m: float, bent: tuple[np.ndarray, ...]) -> Curves:
-    """What the core has made of contacts (B,)."""
+    """Curves with contacts (B,) from the arrays that the core returns."""
     contact = np.minimum(contact_m, (1.0 - core.antenna.NEAREST_TO_TIP) * length_m)
     return Curves(aligned_arclength(contact, length_m), *bent)

@@ -1,4 +1,4 @@
-"""How diameter, stiffness and weight change along an antenna that is not uniform."""
+"""Tapered antennas: diameter, stiffness and weight along the antenna."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Profile = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True)
 class _TaperSettings:
-    """What profiles may be."""
+    """Bounds of profiles."""
 
     ratio: float = 20.0  # of the thickest diameter to the thinnest
     rows: int = 12
@@ -43,8 +43,8 @@ class Taper:
     def of(
         profile: Sequence[Sequence[float]] | None, stiffness_profile: Sequence[Sequence[float]] | None, length_m: float
     ) -> Taper:
-        """Of diameters, m, and EI, in any unit, along an antenna; one alone: the other follows, EI as the diameter's
-        fourth power. Raises InputError for what is no profile of an antenna of this length."""
+        """The taper from profiles of diameter, m, and EI, in any unit, along an antenna; where one is missing, EI is
+        proportional to the diameter's fourth power. Raises InputError for an invalid profile."""
         if profile is None and stiffness_profile is None:
             return Taper()
         names, bounds = ("profile", "stiffness_profile"), (_TaperSettings.ratio, _TaperSettings.ratio**4)
@@ -59,7 +59,8 @@ class Taper:
         return Taper(np.column_stack([ends[:-1], ends[1:], sides[0], root, power]))
 
     def thinned(self, log_tip: float) -> Taper:
-        """With the diameters changed by a factor that grows evenly from 1 at the clamp to exp(log_tip) at the tip."""
+        """The taper with its diameters multiplied by a factor that changes linearly from 1 at the clamp to
+        exp(log_tip) at the tip."""
         if log_tip == 0.0:
             return self
         pieces = self.pieces.copy() if self else np.array([[0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 4.0]])
@@ -84,18 +85,18 @@ class Taper:
 
     @property
     def weight(self) -> float:
-        """Of all, over that of a uniform antenna as thick as the clamp's end."""
+        """Weight of the whole antenna relative to a uniform one of the clamp's diameter."""
         if not self:
             return 1.0
         start, end, first, last = self.pieces[:, :4].T
         return float((end - start) @ (first**2 + first * last + last**2) / 3.0)
 
     def yielding(self, place: np.ndarray) -> np.ndarray:
-        """How far a force at each place (N,) moves the antenna there, over a uniform one; small deflections."""
+        """(N,) deflection at places (N,) per force there, relative to a uniform antenna's; small deflections."""
         return self._softened(place, 2)
 
     def turning(self, place: np.ndarray) -> np.ndarray:
-        """As `yielding`, how far it turns the antenna there."""
+        """(N,) slope at places (N,) per force there, relative to a uniform antenna's; small deflections."""
         return self._softened(place, 1)
 
     def _softened(self, place: np.ndarray, power: int) -> np.ndarray:
@@ -121,7 +122,8 @@ UNIFORM = Taper()
 
 
 def _relative(rows: Sequence[Sequence[float]], name: str, length_m: float, largest: float) -> np.ndarray:
-    """(K, 2) of a profile: places in antenna lengths, values over the first. Raises InputError for no profile."""
+    """(K, 2) table of a profile: places in antenna lengths, values relative to the first. Raises InputError for an
+    invalid profile."""
     what = f"antenna.{name}"
     table = np.array([tuple(row) for row in rows], float)
     if (
@@ -152,7 +154,7 @@ def _relative(rows: Sequence[Sequence[float]], name: str, length_m: float, large
 
 
 def _both_sides(table: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values (N − 1,) of a table (K, 2) just after each start and just before each end."""
+    """Values (N − 1,) of a table (K, 2) just after each part's start, and just before its end."""
     s, values = table.T
 
     def read(at: np.ndarray, row: np.ndarray) -> np.ndarray:
@@ -164,6 +166,6 @@ def _both_sides(table: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def profiles_to_dict(antenna: Any) -> dict[str, Any]:
-    """The keys `profile` and `stiffness_profile` of an antenna in session.yaml or rig.json, as far as it has them."""
+    """The entries `profile` and `stiffness_profile` of an antenna in session.yaml or rig.json, where it has them."""
     profiles = {name: getattr(antenna, name) for name in ("profile", "stiffness_profile")}
     return {name: [list(row) for row in rows] for name, rows in profiles.items() if rows is not None}

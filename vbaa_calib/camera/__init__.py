@@ -21,7 +21,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """`CameraOnPlane` is a torch module, and torch takes a second to load."""
+    """Load `CameraOnPlane` on first use: it is a torch module, and torch takes a second to load."""
     if name != "CameraOnPlane":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from .on_plane import CameraOnPlane

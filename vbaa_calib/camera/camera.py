@@ -30,7 +30,7 @@ def _checked_image_size(image_size: Any) -> tuple[int, int]:
 
 
 def _checked_matrix(matrix: Any) -> np.ndarray:
-    """(3, 3) read-only copy of a camera matrix: fx, fy > 0, no skew, last row 0 0 1."""
+    """(3, 3) read-only copy of a camera matrix with fx, fy > 0, no skew and last row 0 0 1."""
     values = _numbers(matrix, "the camera matrix", (3, 3))
     if values[0, 0] <= 0 or values[1, 1] <= 0:
         raise InputError(
@@ -62,7 +62,7 @@ def _checked_covariance(covariance: Any, count: int) -> np.ndarray:
 
 
 def _numbers(values: Any, name: str, shape: tuple[int, ...] | None = None) -> np.ndarray:
-    """A read-only copy of finite numbers, of the wanted shape, if any."""
+    """A read-only copy of finite numbers, of this shape if one is required."""
     try:
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -77,7 +77,7 @@ def _numbers(values: Any, name: str, shape: tuple[int, ...] | None = None) -> np
 
 @dataclass(frozen=True)
 class ValidRegion:
-    """Where a lens maps one to one, around its axis.
+    """Region around the optical axis in which a lens maps one to one.
 
     Attributes
     ----------
@@ -152,12 +152,12 @@ class Camera:
 
     @property
     def parameters(self) -> np.ndarray:
-        """(4 + k,) the numbers of `parameter_names`."""
+        """(4 + k,) parameters in the order of `parameter_names`."""
         return np.concatenate([self.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], self.distortion])
 
     @gate
     def moved(self, step: np.ndarray) -> Camera:
-        """With its parameters a step (4 + k,) away; the covariance stays."""
+        """The camera with its parameters changed by a step (4 + k,); the covariance is unchanged."""
         step = of_shape(step, self.parameters.shape, "step", finite=False)
         matrix = self.matrix.copy()
         matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += step[:4]
@@ -165,7 +165,8 @@ class Camera:
 
     @gate
     def part(self, binning: tuple[int, int] = (1, 1), roi: tuple[int, int, int, int] | None = None) -> Camera:
-        """The camera of cropped and binned pictures: `roi` (left, top, width, height; px), then binned across and down.
+        """The camera of cropped and binned pictures: first cropped to `roi` (left, top, width, height; px), then
+        binned horizontally and vertically.
 
         Raises InputError for a part that is not inside its pictures.
         """
@@ -188,20 +189,21 @@ class Camera:
 
     @gate
     def in_picture(self, pixels: np.ndarray) -> np.ndarray:
-        """(...) whether pixels (..., 2) lie in the picture, to the outer edges of its outermost ones; NaN does not."""
+        """(...) mask of the pixels (..., 2) in the picture, up to the outer edges of its outermost ones; False for
+        NaN."""
         if pixels.shape[-1:] != (2,):
             raise InputError(f"pixels have the shape {pixels.shape}", remedy="give them as (..., 2)")
         return np.all((pixels > -0.5) & (pixels < np.array(self.image_size) - 0.5), axis=-1)
 
     @gate
     def save(self, path: Path | str, *, force: bool = False) -> None:
-        """Write camera.json, whole or not at all. Raises InputError for a file that is there, unless `force`."""
+        """Write camera.json, completely or not at all. Raises InputError for an existing file, unless `force`."""
         write_json(Path(path), self.to_dict(), force, Camera.from_dict)
 
     @staticmethod
     @gate
     def load(path: Path | str) -> Camera:
-        """From a camera.json. Raises InputError naming the file and what is wrong with it."""
+        """The camera in a camera.json. Raises InputError naming the file and what is wrong with it."""
         try:
             return Camera.from_dict(read_json(Path(path)))
         except InputError as error:
@@ -210,7 +212,8 @@ class Camera:
     @staticmethod
     @gate
     def from_dict(data: Mapping[str, Any]) -> Camera:
-        """From the keys of camera.json; other keys are ignored. Raises InputError for a missing or wrong one."""
+        """The camera from the keys of camera.json; other keys are ignored. Raises InputError for a missing or wrong
+        one."""
         if data.get("schema") != SCHEMA:
             raise InputError(f"the schema is {data.get('schema')!r}", remedy=f"a camera has the schema {SCHEMA!r}")
         for key in ("model", "image_size", "matrix", "distortion"):
@@ -251,7 +254,8 @@ class Camera:
         return self._answer("normalized", "pixel_to_normalized", pixels, 2, "pixels")
 
     def normalized_with_slopes(self, pixels: ArrayT) -> tuple[ArrayT, ArrayT, ArrayT]:
-        """`unproject_normalized` with its slopes d(X/Z, Y/Z)/d(u, v): points (..., 2), slopes (..., 2, 2), valid (...).
+        """`unproject_normalized` with its Jacobian d(X/Z, Y/Z)/d(u, v): points (..., 2), Jacobians (..., 2, 2),
+        validity (...).
 
         They carry pixel noise to normalized coordinates. NaN where not valid. Tensors come back without gradients.
         """
@@ -259,14 +263,15 @@ class Camera:
         return points, slopes.reshape(*valid.shape, 2, 2), valid
 
     def lens_slopes_at(self, points: ArrayT) -> ArrayT:
-        """d(X/Z, Y/Z)/d(parameters), (..., 2, 4 + k), of the fixed pixels of ideal normalized points (..., 2).
+        """d(X/Z, Y/Z)/d(parameters), (..., 2, 4 + k), at ideal normalized points (..., 2), with their pixels fixed.
 
         NaN where the lens does not see the point one to one. Tensors come back without gradients.
         """
         return from_core(self.intrinsics, "normalized_by_lens", points, 2, "points")[0]
 
     def valid_region(self) -> ValidRegion:
-        """Where this lens is one to one, and what share of the image that covers, border pixels included."""
+        """The region in which this lens is one to one, and the share of the picture that it covers, border pixels
+        included."""
         lens = lens_of(self.intrinsics)
         columns, rows = (np.linspace(-0.5, size - 0.5, 64) for size in self.image_size)
         valid = self.unproject(np.stack(np.meshgrid(columns, rows), -1))[1]
@@ -275,7 +280,7 @@ class Camera:
         return ValidRegion(limit, lens.distorted_limit, half_angle, float(valid.mean()))
 
     def _answer(self, method: str, of_tensors: str, values: ArrayT, last: int, name: str) -> tuple[ArrayT, ArrayT]:
-        """Results and validity of a map: by a method of the core's lens for arrays, by a function of `tensors` for
+        """Values and validity of a map: by a method of the core's lens for arrays, by a function of `tensors` for
         tensors."""
         if not is_tensor(values):
             result, valid, *_ = from_core(self.intrinsics, method, values, last, name)

@@ -1,4 +1,4 @@
-"""Metres on plane C back to the pixels that show them: the metric layer's inverse, with covariances."""
+"""Points on plane C back to pixels, with covariances: the inverse of the metric layer."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def pixels_on_plane(
     camera: Camera, T_antenna_camera: Pose, plane_xy_m: Any, covariance_m2: Any = None
 ) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
     """Pixels (..., 2) of points (..., 2) m on plane C, antenna frame; with covariances also their standard deviation
-    (...) px, the mean of both axes', and their covariance over its square (..., 2, 2).
+    (...) px, the geometric mean of both axes, and the covariance divided by its square (..., 2, 2).
 
     Missing points (NaN) stay missing; those that the metric layer cannot give (behind the camera, beyond its
     lens, at a grazing angle) are put far outside the picture. Arrays, lists and tensors are taken alike.
@@ -64,7 +64,8 @@ def pixels_on_plane(
 
 
 def _covariances(covariance_m2: Any, shape: tuple[int, ...], missing: np.ndarray) -> np.ndarray:
-    """(..., 2, 2) m²; the unit matrix where a point (...) is missing. Raises InputError where one is no covariance."""
+    """(..., 2, 2) m² covariances; the unit matrix where a point (...) is missing. Raises InputError for an invalid
+    one."""
     remedy = "give (..., 2, 2) m², one for each point, or (2, 2) for all"
     covariance = as_floats(covariance_m2, "covariance_m2", remedy)
     if covariance.shape not in ((2, 2), (*shape, 2, 2)):

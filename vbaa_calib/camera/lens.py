@@ -1,4 +1,4 @@
-"""The core's lens of a camera's numbers."""
+"""The core's lens object for a camera's parameters."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Intrinsics:
-    """A model with its numbers: floats, or tensors that broadcast against the points (coefficients in front of k)."""
+    """A lens model with its parameters: floats, or tensors that broadcast against the points (coefficients before
+    k)."""
 
     model: LensModel
     fx: Array
@@ -31,22 +32,22 @@ class Intrinsics:
 
 
 def lens_of(intrinsics: Intrinsics) -> Any:
-    """`core.lens.Lens` of intrinsics that are floats; the latest 128 are remembered."""
+    """`core.lens.Lens` for intrinsics that are floats; the latest 128 are cached."""
     one = intrinsics
     return prepared(one.model.is_fisheye, (one.fx, one.fy, one.cx, one.cy, *one.coefficients))
 
 
 @lru_cache(maxsize=128)
 def prepared(fisheye: bool, parameters: tuple[float, ...]) -> Any:
-    """`core.lens.Lens` of fx, fy, cx, cy and coefficients. A fraction of a millisecond."""
+    """`core.lens.Lens` for fx, fy, cx, cy and coefficients. Takes a fraction of a millisecond."""
     return core.lens.Lens(fisheye, np.array(parameters, float))
 
 
 def from_core(
     intrinsics: Intrinsics, method: str, values: Array, last: int, name: str, *more: Any, single: bool = False
 ) -> list[Array]:
-    """What a method of the core's lens gives for values (..., last), each (..., *) of the kind, float type and device
-    of the values; tensors come back without gradients. Raises InputError that names the values.
+    """Results of a method of the core's lens for values (..., last), each (..., *) in the kind, float type and
+    device of the values; tensors come back without gradients. Raises InputError that names the values.
 
     single : float32 arrays are worked on in float32.
     """
@@ -64,7 +65,7 @@ def from_core(
 
 
 def ray_derivatives(intrinsics: Intrinsics, pixels: Array) -> tuple[Array, Array, Array, Array]:
-    """Unit rays of pixels (..., 3); d(ray)/d(u, v) (..., 3, 2); d(ray)/d(fx, fy, cx, cy, *distortion) for a fixed pixel
-    (..., 3, 4 + k); validity (...). NaN where not valid."""
+    """Unit rays (..., 3) of pixels, their derivatives (..., 3, 2) by the pixels and (..., 3, 4 + k) by fx, fy, cx,
+    cy and distortion at fixed pixels, and validity (...). NaN where not valid."""
     rays, valid, by_pixel, by_lens = from_core(intrinsics, "rays_with_slopes", pixels, 2, "pixels")
     return rays, by_pixel, by_lens, valid

@@ -1,4 +1,4 @@
-"""Where rays meet a plane."""
+"""Intersection of rays with planes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from vbaa_calib.geometry import Plane
 
 
 def cross(origins: Array, directions: Array, normals: Array, offsets_m: Array) -> tuple[Array, Array]:
-    """Points (..., 3) where rays meet planes, always finite, and whether they do (...).
+    """Intersections (..., 3) of rays with planes, always finite, and whether there is one (...).
 
     Rays origins + t·directions, t > 0 (unit directions), planes normals·x = offsets_m; all broadcast. Not valid:
     grazing, behind the origin, a plane through the origin, not finite.
@@ -29,7 +29,7 @@ def cross(origins: Array, directions: Array, normals: Array, offsets_m: Array) -
 
 @gate
 def intersect_plane(origins: ArrayT, directions: ArrayT, plane: Plane) -> tuple[ArrayT, ArrayT]:
-    """Points (..., 3) where rays meet a plane, and validity (...). All in the plane's frame.
+    """Intersections (..., 3) of rays with a plane, and validity (...). All in the plane's frame.
 
     Origins (..., 3) m and unit directions (..., 3) broadcast. Invalid rays (NaN) stay invalid.
     """
@@ -38,7 +38,8 @@ def intersect_plane(origins: ArrayT, directions: ArrayT, plane: Plane) -> tuple[
 
 @gate
 def intersect_hinge_plane(origins: ArrayT, directions: ArrayT, roll_rad: ArrayT) -> tuple[ArrayT, ArrayT]:
-    """Points (..., 3) where rays meet the deformation plane 𝒟 at each roll (...), and validity (...). Antenna frame.
+    """Intersections (..., 3) of rays with the deformation plane 𝒟 at each roll (...), and validity (...). Antenna
+    frame.
 
     Their x and y are the picture on plane C under the upright camera, Eqs. (3)–(5).
 

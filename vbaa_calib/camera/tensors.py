@@ -1,8 +1,8 @@
-"""The lens for tensors, with gradients: differentiable both ways, in NumPy's place on any device. Loads torch.
+"""The lens for torch tensors, differentiable in both directions, on any device. Loads torch.
 
-The forward map is kornia's where that has it; the way back is solved without gradients (by the core on the processor)
-and differentiated by the implicit function theorem. Points that are not valid are harmless finite numbers next to a
-False until `masked`.
+The forward map is kornia's where kornia has it; the inverse is solved without gradients (by the core on the processor)
+and differentiated by the implicit function theorem. Points that are not valid are harmless finite numbers marked False
+until `masked`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _Solution = tuple[Tensor, Tensor, Tensor]
 
 
 def pixel_to_ray(intrinsics: Intrinsics, pixels: Tensor) -> tuple[Tensor, Tensor]:
-    """Unit rays (..., 3) of pixels (..., 2), and validity; the axis where not valid."""
+    """Unit rays (..., 3) of pixels (..., 2), and validity; the optical axis where not valid."""
     x, y, valid = _pixel_to_chart(intrinsics, pixels[..., 0], pixels[..., 1])
     return torch.stack(_to_ray(intrinsics.model, x, y), -1), valid
 
@@ -79,7 +79,7 @@ def _chart_to_pixel(intrinsics: Intrinsics, x: Tensor, y: Tensor) -> _Solution:
 
 
 def _to_chart(model: LensModel, X: Tensor, Y: Tensor, Z: Tensor) -> _Solution:
-    """x, y on the model's chart, and whether it is seen, of vectors of any length; x = y = 0 where not."""
+    """x, y in the model's chart of vectors of any length, and whether they are in view; x = y = 0 where not."""
     if not model.is_fisheye:
         seen = Z > 0
         depth = torch.where(seen, Z, 1.0)
@@ -108,13 +108,13 @@ def _to_ray(model: LensModel, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor, Ten
 
 
 def _turn(c: Tensor) -> list[list[Array]]:
-    """The tilted sensor's rotation matrix, of coefficients (..., 14)."""
+    """(..., 3, 3) rotation of the tilted sensor, from coefficients (..., 14)."""
     sx, cx, sy, cy = c[..., 12].sin(), c[..., 12].cos(), c[..., 13].sin(), c[..., 13].cos()
     return [[cy, sy * sx, -sy * cx], [0.0, cx, sx], [sy, -cy * sx, cy * cx]]
 
 
 def _apply_tilt(x: Tensor, y: Tensor, c: Tensor) -> _Solution:
-    """Onto the tilted sensor: (x, y) → (x, y, whether the point is in front of it)."""
+    """Points projected onto the tilted sensor, and whether they are in front of it."""
     r = _turn(c)
     a, b, w = (row[0] * x + row[1] * y + row[2] for row in r)
     front = w > 0
@@ -123,7 +123,7 @@ def _apply_tilt(x: Tensor, y: Tensor, c: Tensor) -> _Solution:
 
 
 def _remove_tilt(x: Tensor, y: Tensor, c: Tensor) -> _Solution:
-    """From the tilted sensor back: the inverse of _apply_tilt."""
+    """Points projected back from the tilted sensor: the inverse of `_apply_tilt`."""
     r = _turn(c)
     a, b = (x + r[0][2]) / r[2][2], (y + r[1][2]) / r[2][2]
     m0, m1, m2 = (r[0][i] * a + r[1][i] * b + r[2][i] for i in range(3))
@@ -150,8 +150,8 @@ def _padded(c: Sequence[Array]) -> tuple[Array, ...]:
 
 
 def _distort(model: LensModel, x: Tensor, y: Tensor, c: Tensor) -> tuple[Tensor, Tensor]:
-    """The distorted point before the sensor's tilt, by kornia, with gradients that others have tested; one point to
-    each of its batches, so that coefficients may broadcast against points."""
+    """The distorted point before the sensor's tilt, by kornia, for its tested gradients; each point is a batch of
+    its own, so that coefficients may broadcast against points."""
     if model.is_fisheye:
         gain, _, _ = _radial(model, x * x + y * y, c.unbind(-1))
         return x * gain, y * gain
@@ -180,7 +180,7 @@ def _linearize(model: LensModel, x: Tensor, y: Tensor, c: Sequence[Array]) -> tu
 
 
 def _by_coefficient(model: LensModel, x: Tensor, y: Tensor, c: Sequence[Array]) -> list[tuple[Tensor, Tensor]]:
-    """(dxd/dc, dyd/dc) for each coefficient before the tilt."""
+    """Derivatives (dxd/dc, dyd/dc) by each coefficient, before the tilt."""
     s = x * x + y * y
     if model.is_fisheye:
         return [(x * power, y * power) for power in (s, s * s, s * s * s, s * s * s * s)]
@@ -193,8 +193,8 @@ def _by_coefficient(model: LensModel, x: Tensor, y: Tensor, c: Sequence[Array]) 
 
 
 def _lenses(model: LensModel, c: Tensor, shape: tuple[int, ...]) -> Iterator[tuple[Any, Any, list[float]]]:
-    """Which of the points, in an array of that shape, belong to which lens of c, (..., k) broadcast against them: the
-    core's, on the sensor's plane before its tilt, and its coefficients."""
+    """The distinct lenses in c (..., k), broadcast against an array of this shape: for each the mask of its points,
+    the core's lens on the untilted sensor, and its coefficients."""
     if c.ndim == 1:
         own = c.tolist()[:_BEFORE_TILT]
         yield ..., prepared(model.is_fisheye, (1.0, 1.0, 0.0, 0.0, *own)), own
@@ -209,7 +209,7 @@ def _lenses(model: LensModel, c: Tensor, shape: tuple[int, ...]) -> Iterator[tup
 
 
 def _trusted(model: LensModel, c: Tensor, x: Tensor, y: Tensor) -> Tensor:
-    """Whether ideal points (...) lie where the lens is one to one. No gradients."""
+    """Mask of the ideal points (...) at which the lens is one to one. No gradients."""
     shape = torch.broadcast_shapes(x.shape, c.shape[:-1])
     x, y, valid = x.detach().expand(shape), y.detach().expand(shape), x.new_empty(shape, dtype=torch.bool)
     for where, lens, own in _lenses(model, c.detach(), shape):
@@ -231,7 +231,7 @@ def _definite(xx: Tensor, xy: Tensor, yx: Tensor, yy: Tensor) -> Tensor:
 
 
 def _encloses(rim: np.ndarray, x: Tensor, y: Tensor) -> Tensor:
-    """Whether a rim, a radius in each of evenly spaced directions from −π on, encloses points (...)."""
+    """Mask of the points (...) inside a rim, that has a radius in each of evenly spaced directions from −π on."""
     radii, count = like(x, rim), len(rim) - 1
     place = (torch.arctan2(y, x) + math.pi) * (count / (2.0 * math.pi))
     index = torch.where(torch.isfinite(place), place, 0.0).long().clamp(max=count - 1)
@@ -239,8 +239,11 @@ def _encloses(rim: np.ndarray, x: Tensor, y: Tensor) -> Tensor:
 
 
 class _Invert(torch.autograd.Function):
-    """Ideal points (...) in the model's chart of distorted ones (...) before the sensor's tilt, and their validity.
-    Differentiable in x, y and c (..., k); invalid points are (0, 0) without gradient."""
+    """Ideal points (...) in the model's chart from distorted ones (...) before the sensor's tilt, and their
+    validity.
+
+    Differentiable in x, y and c (..., k); invalid points are (0, 0) without gradient.
+    """
 
     @staticmethod
     def forward(x: Tensor, y: Tensor, c: Tensor, model: LensModel) -> _Solution:
@@ -320,8 +323,8 @@ def _by_core(lens: Any, x: Tensor, y: Tensor) -> _Solution:
 
 
 def _solve_on_device(model: LensModel, lens: Any, c: Sequence[float], x: Tensor, y: Tensor) -> _Solution:
-    """Ideal points (...) of distorted points (...) on an untilted sensor, and which of them are valid; the others are
-    (0, 0). By Newton from the core's table, each step shortened until it stays inside the region and the residual
+    """Ideal points (...) of distorted points (...) on an untilted sensor, and their validity; invalid ones are (0,
+    0). Newton's method from the core's table, each step shortened until it stays inside the region and the residual
     falls; the same on every device, also where the core cannot read the memory."""
     distorted = torch.sqrt(x * x + y * y)
     if lens.undistorted:
@@ -368,5 +371,5 @@ def _kept(lens: Any, point: tuple[Tensor, Tensor], at: Sequence[Tensor]) -> Tens
 
 
 def _tolerance(size: Tensor) -> Tensor:
-    """Residual that counts as none, (...): some tens of roundings of the largest term."""
+    """Residual (...) that counts as zero: some tens of rounding errors of the largest term."""
     return (5e-14 if size.dtype == torch.float64 else 3e-6) * size + 1e-300

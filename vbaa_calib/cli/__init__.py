@@ -1,3 +1,3 @@
-"""The front door: `vbaa VERB ...`."""
+"""The command line, `vbaa VERB ...`."""
 
 from .main import main

@@ -18,7 +18,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict[str, Any]:
-    """Measure one subject, or several one after the other."""
+    """Run one benchmark, or several in sequence."""
     result: dict[str, Any] = _suite().run(args)
     return result
 

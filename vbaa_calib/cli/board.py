@@ -68,7 +68,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict[str, Any]:
-    """Write the sheet and, where flags described the board, its board.yaml. Returns the numbers."""
+    """Write the sheet and, where flags describe the board, its board.yaml. Returns the numbers for `--json`."""
     kind = args.output.suffix.lower()
     suffixes = (".pdf", ".svg", ".png")
     if kind not in suffixes:
@@ -163,7 +163,8 @@ def _for_screens(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _wanted_grid(args: argparse.Namespace, lay_out: Callable[[AprilGrid], Any] | None = None) -> AprilGrid | None:
-    """The AprilGrid of --spec, or of the flags, its tags as large as `lay_out` takes; None where another is wanted."""
+    """The AprilGrid of --spec, or of the flags, with tags as large as `lay_out` fits; None where another board is
+    wanted."""
     from targets.board import AprilGrid
     from vbaa_calib.detect.board.board_file import counts, load_lens_board
 
@@ -206,7 +207,7 @@ def _wanted_grid(args: argparse.Namespace, lay_out: Callable[[AprilGrid], Any] |
 
 
 def _wanted(args: argparse.Namespace, **room: Any) -> BoardWithIds:
-    """The board of --spec, or of the flags, completed."""
+    """The board of --spec, or of the flags, with defaults for what is missing."""
     from targets.sheet import fill_in
     from vbaa_calib.detect.board.board_file import counts, load_board
 
@@ -227,7 +228,7 @@ def _wanted(args: argparse.Namespace, **room: Any) -> BoardWithIds:
 
 
 def _description(args: argparse.Namespace, spec: BoardWithIds, changed: bool) -> tuple[Path | None, bool]:
-    """The description's path, None if it is --spec, and whether to write it."""
+    """Path of the board's description (None if it is --spec), and whether to write it."""
     from vbaa_calib.detect.board.board_file import load_lens_board
 
     if args.spec is not None and not changed and args.write_spec is None:
@@ -252,7 +253,7 @@ def _description(args: argparse.Namespace, spec: BoardWithIds, changed: bool) ->
 def _write(
     args: argparse.Namespace, data: bytes, spec: BoardWithIds, description: tuple[Path | None, bool]
 ) -> dict[str, Any]:
-    """Write the sheet and its description, both or neither. Returns the numbers."""
+    """Write the sheet and its description, both or neither. Returns the numbers for `--json`."""
     from targets.sheet import board_id, size_words, spec_document
 
     described, missing = description

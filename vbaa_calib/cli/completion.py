@@ -102,7 +102,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict[str, Any]:
-    """Print the script."""
+    """Print the completion script."""
     front = importlib.import_module("vbaa_calib.cli.main")  # which imports the verbs by name, too
 
     options = {

@@ -33,7 +33,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict[str, Any]:
-    """Convert one file. Returns what was written, and what the format has no place for.
+    """Convert one file. Returns the output's path, and what the format cannot hold.
 
     Raises InputError for a broken file, a lens that the format cannot hold, or a file in the way.
     """
@@ -69,7 +69,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _folds(camera: Camera) -> list[str]:
-    """A sentence on a lens that does not map the picture one to one."""
+    """A warning about a lens that does not map the picture one to one; "" for others."""
     share = camera.valid_region().image_fraction
     if share == 1.0:
         return []

@@ -1,4 +1,4 @@
-"""`vbaa doctor`."""
+"""`vbaa doctor`: checks of the installation."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def _as_lines(finding: HealthFinding) -> list[str]:
 
 
 def _print(lines: list[str]) -> None:
-    """To stderr, with ? for signs that its encoding lacks."""
+    """Print lines to stderr, with ? for characters that its encoding lacks."""
     encoding = getattr(sys.stderr, "encoding", None) or "ascii"
     for line in lines:
         print(line.encode(encoding, "replace").decode(encoding), file=sys.stderr, flush=True)

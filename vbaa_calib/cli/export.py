@@ -31,7 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict[str, Any]:
-    """Write one file. Returns what was written, and what the format has no place for."""
+    """Write one file. Returns the output's path, and what the format cannot hold."""
     from vbaa_calib.export.simulators import EXPORTS, export
 
     from .usable_rig import usable_rig

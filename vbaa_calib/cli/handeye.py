@@ -62,7 +62,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict[str, Any]:
-    """Solve by corners or by poses, write handeye.json; the exit code is 1 where the lens must not be used."""
+    """Solve from corners or from poses and write handeye.json; the exit code is 1 where the lens must not be used."""
     from vbaa_calib.calibrate.pose.robot_tables import read_robot_poses
     from vbaa_calib.cli.usable_rig import usable_rig
     from vbaa_calib.core.csv_rows import header_of
@@ -98,7 +98,7 @@ _TABLES = (".csv", ".tsv", ".txt")
 def _from_poses(
     args: argparse.Namespace, poses: Mapping[str, Pose], others: Mapping[str, Mapping[str, Pose]]
 ) -> tuple[HandEye, dict[str, Any]]:
-    """The solution by the board's poses in the camera."""
+    """The solution from the board's poses in the camera frame."""
     from vbaa_calib.calibrate.pose.hand_eye import solve_hand_eye
     from vbaa_calib.calibrate.pose.robot_tables import read_robot_poses
 
@@ -119,7 +119,7 @@ def _from_poses(
 def _from_corners(
     args: argparse.Namespace, poses: Mapping[str, Pose], others: Mapping[str, Mapping[str, Pose]]
 ) -> tuple[HandEye, dict[str, Any], int]:
-    """The solution by corners of a board, and the exit code, which is 1 where the lens must not be used."""
+    """The solution from corners of a board, and the exit code: 1 where the lens must not be used."""
     import numpy as np
 
     from vbaa_calib.calibrate.given_lens import read_lens
@@ -173,7 +173,7 @@ def _views(args: argparse.Namespace, spec: Board, lens: GivenLens | None) -> lis
 
 
 def _paired(views: Sequence[str], poses: Mapping[str, Pose], where: Path) -> list[tuple[str, str]]:
-    """View and row of poses that belong together, in the order of the poses, by names with or without suffix."""
+    """Views with their rows of poses, in the order of the poses, matched by name with or without suffix."""
     by_name = {view: view for view in views} | {Path(view).stem: view for view in views}
     paired = [(by_name[name], name) for name in poses if name in by_name]
     twice = {name for name in poses if by_name.get(name) == by_name.get(Path(name).stem) and Path(name).stem != name}

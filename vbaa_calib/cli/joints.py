@@ -1,4 +1,4 @@
-"""--pan and --tilt in radians, or in degrees with --degrees; and --antenna."""
+"""The options --pan and --tilt in radians, or in degrees with --degrees; and --antenna."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ def add_joints(parser: argparse._ActionsContainer, of: str = "joint angle") -> N
 
 
 def add_antenna(parser: argparse._ActionsContainer) -> None:
-    """Add --antenna, for contacts of several."""
+    """Add --antenna, which selects one of several antennas."""
     parser.add_argument("--antenna", metavar="NAME", help="which antenna's contacts, where the table has several")
 
 
 def joints_rad(args: argparse.Namespace) -> dict[str, float]:
-    """The angles of the command line, by name, rad. Raises InputError for one beyond a turn."""
+    """The command line's joint angles by name, rad. Raises InputError for more than a turn."""
     angles = {name: getattr(args, name) for name in _ANGLES if getattr(args, name) is not None}
     for name, value in angles.items():
         if not abs(value) <= (360.0 if args.degrees else 2.0 * math.pi):

@@ -1,4 +1,4 @@
-"""The options of verbs that take a lens from a file, and what they mean."""
+"""Options of the verbs that read a lens from a file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def add_lens_file(parser: argparse.ArgumentParser) -> None:
-    """The options on what of a lens file is wanted."""
+    """Add the options that select camera, size, binning and part of a lens file."""
     group = parser.add_argument_group("of a lens file")
     group.add_argument(
         "--camera-name", metavar="NAME", help="which camera, where it holds several (cam1; CAMERA_ID; a bag's topic)"
@@ -36,7 +36,7 @@ def add_lens_file(parser: argparse.ArgumentParser) -> None:
 
 
 def wanted_of(args: argparse.Namespace, *files: Path | None) -> Wanted:
-    """What the options ask for of a lens file: camera, size, binning, part. files : those that may be one.
+    """Camera, size, binning and part that the options select. files : those that may be a lens file.
 
     Raises InputError for what is no size, binning or part, and where there is no file.
     """

@@ -87,7 +87,7 @@ def _module(verb: str) -> ModuleType:
 
 
 class _Parser(argparse.ArgumentParser):
-    """Raises our error instead of exiting."""
+    """A parser that raises our error instead of exiting."""
 
     words: Sequence[str] = ()
     """What it was called with: a slip in an option is named before what is missing for it."""
@@ -176,7 +176,7 @@ def run_verb(argv: Sequence[str]) -> int:
 
 
 class _Ended(BaseException):
-    """A terminating signal: raised so that half-written files are removed."""
+    """Raised by a terminating signal, so that half-written files are removed."""
 
 
 _signals: list[int] = []
@@ -200,7 +200,7 @@ def _ended() -> int:
 
 @contextlib.contextmanager
 def _unwinding_when_ended() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP clean up as Ctrl-C does; ignored signals (nohup) stay ignored."""
+    """Context in which SIGTERM and SIGHUP clean up as Ctrl-C does; ignored signals (nohup) stay ignored."""
     named = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
     before = {number: signal.getsignal(number) for number in named}
     before = {number: each for number, each in before.items() if each in (signal.SIG_DFL, signal.default_int_handler)}
@@ -218,7 +218,7 @@ def _unwinding_when_ended() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _seldom_collecting() -> Iterator[None]:
-    """Context with rare garbage collection: it would take a tenth of a short command's time while libraries load."""
+    """Context with rare garbage collection, which would take a tenth of a short command's time while libraries load."""
     before = gc.get_threshold()
     # new objects between two garbage collections
     gc.set_threshold(100_000, *before[1:])

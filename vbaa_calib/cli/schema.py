@@ -13,7 +13,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict[str, Any]:
-    """Print the JSON Schema of what is checked, which is the result, on stdout."""
+    """Print the JSON Schema of one kind of file on stdout."""
     from vbaa_calib.core.models import json_schema
     from vbaa_calib.rig.rig_file import RigFile
     from vbaa_calib.session.settings import SessionFile

@@ -68,7 +68,7 @@ def _written(args: argparse.Namespace, scene: SceneSpec, folder: Path) -> Plan:
 
 
 def _whiskers(args: argparse.Namespace, path: Path) -> dict[str, Any]:
-    """Write a recording of whiskers. Raises InputError for options that it has no place for."""
+    """Write a recording of whiskers. Raises InputError for options that do not apply to it."""
     from vbaa_calib.simulate.whiskers import write_whiskers
 
     if args.output is None or args.bag is not None or args.labels or args.render != "drawn":
@@ -81,7 +81,7 @@ def _whiskers(args: argparse.Namespace, path: Path) -> dict[str, Any]:
 
 
 def _run(args: argparse.Namespace) -> dict[str, Any]:
-    """Write the session, and its recording as a bag. Returns their names and counts.
+    """Write the session, and its recording as a bag if asked. Returns names and counts.
 
     Raises InputError for a wrong scene, or a file or folder in the way.
     """

@@ -1,4 +1,4 @@
-"""`vbaa stiffness TABLE.csv --load N --distance M`, or a photograph in the table's place."""
+"""`vbaa stiffness TABLE.csv --load N --distance M`, or with a photograph in place of the table."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict[str, Any]:
-    """Read, solve, report; write stiffness.json if asked. Returns its numbers."""
+    """Read a table, solve and report; write stiffness.json if asked. Returns its numbers."""
     from vbaa_calib.calibrate.antenna.stiffness import read_deflections, solve_stiffness
     from vbaa_calib.core.images import SUFFIXES
 
@@ -222,7 +222,7 @@ def _report(document: dict[str, Any]) -> None:
 
 
 def _add_photo_options(parser: argparse.ArgumentParser) -> None:
-    """Flags for a photograph."""
+    """Add the flags for a photograph."""
     group = parser.add_argument_group("photograph", "pixels count from the middle of the upper left one")
     group.add_argument("--length", type=float, metavar="M", help="of the rod from clamp to tip, in metres: the scale")
     group.add_argument("--marks", type=_pixel, nargs=2, metavar="U,V", help="two marks in the rod's plane: the scale")
@@ -261,7 +261,7 @@ def _pixel(text: str) -> np.ndarray:
 
 
 def _run_photo(args: argparse.Namespace) -> dict[str, Any]:
-    """Find the rod, solve, report; write what is asked for. Returns its numbers."""
+    """Find the rod in a photograph, solve and report; write the files that are asked for. Returns the numbers."""
     from vbaa_calib.calibrate.photo.centreline import search_rod
     from vbaa_calib.calibrate.photo.stiffness import solve_photo
     from vbaa_calib.core.images import read_picture
@@ -308,7 +308,7 @@ def _run_photo(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _setting(args: argparse.Namespace) -> PhotoSetting:
-    """What the flags say. Raises InputError for what cannot be."""
+    """The photograph's setting by the flags. Raises InputError for impossible values."""
     from vbaa_calib.calibrate.photo.stiffness import PhotoSetting
 
     if (args.length is None) == (args.marks is None):
@@ -432,7 +432,8 @@ def _report_photo(document: dict[str, Any]) -> None:
 def _with_candidates(
     error: InputError, args: argparse.Namespace, photo: Path, picture: np.ndarray, search: RodSearch
 ) -> InputError:
-    """The error, with the name of a picture in which candidates are numbered and known ends ringed, if it can be."""
+    """The error, extended by the name of a picture that is written with numbered candidates and the known ends
+    marked, where possible."""
     written = args.output or args.overlay
     path = (written.parent if written else Path()) / f"{photo.stem}_candidates.png"
     if path.resolve() == photo.resolve():

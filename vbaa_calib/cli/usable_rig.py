@@ -1,4 +1,4 @@
-"""The rig that a verb works with: one with a wrong calibration only if the user accepts it."""
+"""The rig that a verb uses: one with a wrong calibration only if the user accepts it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def usable_rig(path: Path, accept_wrong: bool = True) -> Rig:
-    """The rig of a rig.json. A wrong calibration is reported, or, unless that is accepted, raises InputError."""
+    """The rig in a rig.json. A wrong calibration is reported if it is accepted; otherwise raises InputError."""
     from vbaa_calib.core.console import say
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.rig import Rig

@@ -1,4 +1,4 @@
-"""Other programs' camera files: all formats, and which one a file is."""
+"""Camera files of other programs: all formats, and the recognition of a file's format."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _POSE_KEY = "T_reference_camera"
 
 
 def _read(path: Path, _: Wanted) -> Exchanged:
-    """rig.json or camera.json. Of rig.json the camera and its pose in the antenna frame are taken.
+    """The camera in a rig.json or camera.json; of a rig.json with its pose in the antenna frame.
 
     camera.json has no place of its own for a pose, nor for notes on how another program's file was read: they stand
     under `T_reference_camera` and `notes`, which `Camera.load` passes over.
@@ -74,7 +74,7 @@ FORMATS = {
 
 
 def guessed(path: Path) -> Format:
-    """The one format that a file looks like. Raises InputError where none or several do."""
+    """The format that a file has by its content. Raises InputError where none or several fit."""
     if path.name == "cameras.bin":
         return COLMAP
     if is_bag(path):

@@ -1,7 +1,7 @@
-"""Readers in a process of their own, with limits of time and memory, for files from outside that can hurt them.
+"""Readers of untrusted files, run in a process of their own with limits of time and memory.
 
 A damaged or forged file can crash a C++ reader or keep it busy for ever, and Python's parser needs a hundred times the
-file's size of memory: only the child is lost then.
+file's size of memory: only the child process is lost then.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Arrays = Mapping[str, np.ndarray]
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path is meant for a bag: by its suffix, or a folder with a bag's metadata, or with its files alone."""
+    """Whether a path is a bag: by its suffix, or a folder with a bag's metadata, or with nothing but its files."""
     suffixes = (".mcap", ".bag", ".db3")
     if path.suffix.lower() in suffixes or os.path.isfile(path / "metadata.yaml"):
         return True
@@ -46,7 +46,7 @@ def is_bag(path: Path) -> bool:
 
 
 def says_rectified(topic: str) -> bool:
-    """Whether a topic is of rectified pictures by its name, as image_rect and image_rect_color are."""
+    """Whether a topic's name is that of rectified pictures, such as image_rect and image_rect_color."""
     return re.search(r"(?:^|[/_])rect(?:ified)?(?:[/_]|$)", topic) is not None
 
 
@@ -91,7 +91,7 @@ def read_in_child(reader: Callable[[Path], Arrays], path: Path) -> dict[str, np.
 
 
 def read_storage(path: Path) -> dict[str, np.ndarray]:
-    """The numbers, as (), and the matrices, two-dimensional, at the top of a YAML, XML or JSON file; an .npz's arrays.
+    """The top-level numbers, as (), and matrices, two-dimensional, of a YAML, XML or JSON file; an .npz's arrays.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def read_storage(path: Path) -> dict[str, np.ndarray]:
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of up to a hundred numbers that an .npz holds.
+    """The arrays of up to a hundred numbers in an .npz.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
 
 
 def read_literal(path: Path) -> dict[str, np.ndarray]:
-    """The values of `_LITERAL_KEYS` in a file with a Python mapping, each as JSON.
+    """The values of `_LITERAL_KEYS` in a file that contains a Python mapping, each as JSON.
 
     Raises
     ------
@@ -158,7 +158,7 @@ def read_literal(path: Path) -> dict[str, np.ndarray]:
 
 
 def take_all_schemas() -> None:
-    """Makes rosbags open MCAP files of JSON or protobuf, too, without decoding their messages."""
+    """Make rosbags open MCAP files with JSON or protobuf messages, too, without decoding these."""
     from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
     from rosbags.rosbag2 import storage_mcap
 
@@ -180,7 +180,7 @@ def take_all_schemas() -> None:
 
 
 def read_bag_head(path: Path) -> dict[str, np.ndarray]:
-    """Nothing of a bag that can be opened.
+    """Open a bag, to test whether that is possible; returns nothing.
 
     Raises
     ------
@@ -195,8 +195,8 @@ def read_bag_head(path: Path) -> dict[str, np.ndarray]:
 
 
 def read_camera_infos(path: Path) -> dict[str, np.ndarray]:
-    """Of a bag's topics of CameraInfo the first message each: TOPIC.field → its value, roi as x, y, width, height; and
-    as TOPIC.rectified the topics of rectified pictures next to it.
+    """The first message of each topic of CameraInfo in a bag: TOPIC.field → its value, roi as x, y, width, height;
+    and as TOPIC.rectified the topics of rectified pictures next to it.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Lens models of other programs as projections, and the lens of ours that comes nearest to one over the picture."""
+"""Lens models of other programs as projections, and our lens that is nearest to one over the picture."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Projection = Callable[[np.ndarray], np.ndarray]
 def refitted(
     project: Projection, size: tuple[int, int], name: str, path: Path, inside: np.ndarray | None = None
 ) -> tuple[Camera, str]:
-    """The lens that comes nearest to a projection over a picture (width, height) px, and a sentence on its error.
+    """Our lens that is nearest to a projection over a picture (width, height) px, and a sentence on its error.
 
     name : of the model, for the sentence. inside : (K, 2) px, corners of the part of the picture where it counts.
     Raises InputError where none comes near, or the model has no directions.
@@ -53,7 +53,7 @@ def refitted(
 
 
 def _rms(camera: Camera, rays: np.ndarray, pixels: np.ndarray) -> float:
-    """Of the distances of two lenses' pixels; infinite where ours folds before the other does."""
+    """Rms distance of the pixels of two lenses; infinite where ours folds before the other does."""
     seen, valid = camera.project(rays)
     if valid.mean() < 0.98:  # at a fold of the other's the last directions are nearly parallel, and ours may end before
         return np.inf
@@ -61,7 +61,8 @@ def _rms(camera: Camera, rays: np.ndarray, pixels: np.ndarray) -> float:
 
 
 def _spread(project: Projection, size: tuple[int, int], inside: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Directions (N, 3) and their pixels (N, 2), evenly over the picture, as far out as the model maps one to one."""
+    """Directions (N, 3) and their pixels (N, 2), evenly over the picture, within the region in which the model is
+    one to one."""
     around, edge = np.linspace(0.0, 2.0 * np.pi, 180, endpoint=False), np.radians(115.0)
     for count in (400, 240):  # the second time, to the picture's corners only
         angles = np.linspace(0.0, edge, count)
@@ -96,7 +97,7 @@ def _fitted(
     size: tuple[int, int],
     small_px: float,
 ) -> Camera | None:
-    """The lens of a model and a number of coefficients with the least squares of pixels; None where there is none.
+    """The lens of a model with `count` coefficients that fits the pixels by least squares; None where there is none.
 
     samples : directions (N, 3) and their pixels (N, 2). small_px : what a coefficient of 1 costs: it keeps those that
     cancel each other from becoming a fold.
@@ -121,7 +122,7 @@ def _fitted(
 
 
 def _descended(fisheye: bool, start: np.ndarray, rays: np.ndarray, pixels: np.ndarray, small_px: float) -> np.ndarray:
-    """A lens' parameters with the least squares of pixels, from a start; as `_fitted`."""
+    """Parameters of the lens that fits the pixels by least squares, from an initial value; as `_fitted`."""
     count = len(start) - 4
     prior = np.hstack([np.zeros((count, 4)), small_px * np.eye(count)])
 
@@ -137,7 +138,7 @@ def _descended(fisheye: bool, start: np.ndarray, rays: np.ndarray, pixels: np.nd
 
 
 def _projected(fisheye: bool, values: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels (N, 2) and their slopes (2N, 4 + k), also where the lens has folded: on the way to one that has not."""
+    """Pixels (N, 2) and their derivatives (2N, 4 + k), also where the lens folds, as it may during the iteration."""
     if fisheye:
         seen, _, _, slopes = core.lens.Lens(fisheye, values).project(np.ascontiguousarray(rays), True)
         return seen, slopes.reshape(-1, len(values))
@@ -153,7 +154,7 @@ def _on_sensor(lens: Sequence[float], points: np.ndarray) -> np.ndarray:
 
 
 def _radtan(coefficients: Sequence[float], points: np.ndarray) -> np.ndarray:
-    """Points (N, 2), distorted by OpenCV's k1 k2 p1 p2, if there are any."""
+    """Points (N, 2), distorted by OpenCV's k1 k2 p1 p2 where there are any."""
     if not len(coefficients):
         return points
     k1, k2, p1, p2 = coefficients
@@ -170,7 +171,7 @@ def _radtan(coefficients: Sequence[float], points: np.ndarray) -> np.ndarray:
 
 
 def _omni(values: Sequence[float], coefficients: Sequence[float] = ()) -> Projection:
-    """Mei's unified model, as Kalibr has it: xi, fu, fv, pu, pv; radtan on the normalised sensor."""
+    """Mei's unified model in Kalibr's form: xi, fu, fv, pu, pv; radtan on the normalised sensor."""
     xi, *lens = values
 
     def project(rays: np.ndarray) -> np.ndarray:
@@ -200,7 +201,7 @@ def _double_sphere(values: Sequence[float], _: Sequence[float] = ()) -> Projecti
 
 
 def _extended_unified(values: Sequence[float], _: Sequence[float] = ()) -> Projection:
-    """Khomutenko, Garcia and Martinet's model: alpha, beta, fu, fv, pu, pv."""
+    """The extended unified model of Khomutenko, Garcia and Martinet: alpha, beta, fu, fv, pu, pv."""
     alpha, beta, *lens = values
 
     def project(rays: np.ndarray) -> np.ndarray:
@@ -213,7 +214,8 @@ def _extended_unified(values: Sequence[float], _: Sequence[float] = ()) -> Proje
 
 
 def _field_of_view(values: Sequence[float], coefficients: Sequence[float]) -> Projection:
-    """Devernay and Faugeras' model of one angle w: fu, fv, pu, pv; the radius is atan(2 r tan(w/2)) / w."""
+    """The field-of-view model of Devernay and Faugeras with one angle w: fu, fv, pu, pv; the radius is atan(2 r
+    tan(w/2)) / w."""
     (angle,) = coefficients
 
     def project(rays: np.ndarray) -> np.ndarray:
@@ -226,7 +228,7 @@ def _field_of_view(values: Sequence[float], coefficients: Sequence[float]) -> Pr
 
 
 def _thin_prism_fisheye(values: Sequence[float], coefficients: Sequence[float]) -> Projection:
-    """COLMAP's: fx, fy, cx, cy; k1 k2 p1 p2 k3 k4 sx1 sy1 over the angle."""
+    """COLMAP's thin-prism fisheye model: fx, fy, cx, cy; k1 k2 p1 p2 k3 k4 sx1 sy1 over the angle."""
     k1, k2, p1, p2, k3, k4, sx, sy = coefficients
 
     def project(rays: np.ndarray) -> np.ndarray:
@@ -241,7 +243,7 @@ def _thin_prism_fisheye(values: Sequence[float], coefficients: Sequence[float]) 
 
 
 def _skewed(camera: Camera, skew: float) -> Projection:
-    """A lens of ours with a skew in its matrix, px."""
+    """Projection by our lens with a skew, px, in its matrix."""
 
     def project(rays: np.ndarray) -> np.ndarray:
         pixels, valid = camera.project(rays)
@@ -319,7 +321,7 @@ def _cahvor(values: Sequence[float], config: Mapping[str, float]) -> Projection:
 
 
 def _chi(angle: np.ndarray, linearity: float) -> np.ndarray:
-    """tan(L θ)/L, sin(L θ)/L of a negative L, θ of 0; NaN beyond the model's end."""
+    """tan(L θ)/L for a linearity L > 0, sin(L θ)/L for L < 0, θ for L = 0; NaN beyond the model's end."""
     scaled = np.where(np.abs(angle * linearity) < np.pi / 2.0, angle * linearity, np.nan)
     if abs(linearity) < 1e-15:
         return angle

@@ -59,7 +59,7 @@ def _read_ros(path: Path, wanted: Wanted) -> Exchanged:
 
 
 def _read_bag(path: Path, wanted: Wanted) -> Exchanged:
-    """By the first CameraInfo of a topic of a bag."""
+    """The camera of the first CameraInfo of a topic of a bag."""
     try:
         found = read_in_child(read_camera_infos, path)
     except ValueError as error:
@@ -152,7 +152,7 @@ def _camera_of_message(message: Mapping[str, Any], path: Path, wanted: Wanted) -
 
 
 def _whole(value: Any, key: str, path: Path) -> int:
-    """A number of pixels, 0 where there is none."""
+    """A number of pixels; 0 where the message has none."""
     value = 0 if value is None else value
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 100_000:
         raise InputError(f"{key} is {quoted(value)}", where=path, remedy="a whole number of pixels is needed")
@@ -160,7 +160,7 @@ def _whole(value: Any, key: str, path: Path) -> int:
 
 
 def _ini(text: str, path: Path) -> dict[str, Any]:
-    """The fields of CameraInfo out of an ost.ini: names in lines of their own, their numbers under them."""
+    """The fields of CameraInfo in an ost.ini: names in lines of their own, their numbers below them."""
     names = {"camera matrix": "k", "distortion": "d", "rectification": "r", "projection": "p"}
     message: dict[str, Any] = {}
     key = ""
@@ -246,7 +246,7 @@ def _read_kalibr(path: Path, wanted: Wanted) -> Exchanged:
 
 
 def _pose_of(matrix: Any, key: str, path: Path) -> Pose:
-    """A pose from four rows of four numbers. Raises InputError where the rotation is none."""
+    """A pose from four rows of four numbers. Raises InputError where its rotation is invalid."""
     if not isinstance(matrix, list | tuple) or len(matrix) != 4:
         raise InputError(f"{key} is {quoted(matrix)}", where=path, remedy="four rows of four numbers are needed")
     rows = np.array([numbers(row, key, path, (4,), PLAUSIBLE.place_m) for row in matrix])
@@ -282,7 +282,8 @@ def _is_kalibr(text: str) -> bool:
 
 
 def _read_orb_slam(path: Path, wanted: Wanted) -> Exchanged:
-    """UZ-SLAMLab/ORB_SLAM3, Examples/*/*.yaml, also as ORB_SLAM2 has it: Camera.fx, or Camera1.fx and Camera2.fx.
+    """A camera of ORB-SLAM's settings (UZ-SLAMLab/ORB_SLAM3, Examples/*/*.yaml; also ORB_SLAM2): Camera.fx, or
+    Camera1.fx and Camera2.fx.
 
     - Pixels: as OpenCV, which it calls. PinHole k1 k2 p1 p2 k3, of which the last may be missing; KannalaBrandt8 k1 to
       k4 of OpenCV's fisheye; Rectified without any. Camera.newWidth is the size it works at, not that of its numbers.

@@ -1,4 +1,4 @@
-"""A camera on its way from one program's file to another's, and the checks of what such files hold."""
+"""A camera in exchange between programs, and checks of the values in their files."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .refit import PROJECTIONS, refitted
 
 @dataclass(frozen=True)
 class Wanted:
-    """What of a lens file is wanted, where it holds several cameras, or its pictures are not as those to be used.
+    """Selection from a lens file that has several cameras, or pictures unlike those to be used.
 
     which : the camera, by its name in the file. size : (width, height) px, for files that state none.
     binning : pixels of the file's pictures that are one of ours, across and down; roi : left, top, width, height of
@@ -37,7 +37,7 @@ class Wanted:
 
     @staticmethod
     def of(flags: Mapping[str, Any]) -> Wanted:
-        """What the flags of a lens file ask for, by their names. Raises InputError for no size, binning or part."""
+        """The selection by the flags of a lens file. Raises InputError for an invalid size, binning or part."""
         size = _pair(flags.get("size"), "--size", "1280x960")
         binning, roi = _pair(flags.get("binning"), "--binning", "2, or 2x1"), flags.get("roi")
         whole = roi is None or (len(roi) == 4 and all(float(side).is_integer() for side in roi))
@@ -59,7 +59,8 @@ class Wanted:
         return which or names[0]
 
     def size_of(self, sides: Sequence[tuple[str, Any]], path: Path) -> tuple[int, int]:
-        """(width, height) px as a file states them, or as asked for. Raises InputError where neither or differently."""
+        """(width, height) px as the file states them, or as selected. Raises InputError where both are missing or
+        they differ."""
         if all(value is None for _, value in sides):
             if self.size is None:
                 raise InputError("does not state the picture's size", where=path, remedy="give --size WIDTHxHEIGHT")
@@ -82,7 +83,7 @@ def _pair(text: str | None, flag: str, like: str) -> tuple[int, int] | None:
 
 @dataclass(frozen=True, eq=False)
 class Exchanged:
-    """A camera and its pose in the file's reference frame (in ours the antenna's); None without a pose.
+    """A camera and its pose in the file's reference frame (in ours the antenna frame); None without a pose.
 
     others : contents that no other format can hold, in words. notes : on how the file was read.
     binning, roi : of the file's own pictures, as in `Wanted`.
@@ -112,7 +113,7 @@ class Exchanged:
 
 @dataclass(frozen=True)
 class Format:
-    """A file format: its name on the command line and in words, and what it can hold.
+    """A file format: its name on the command line and in words, and what it can store.
 
     parse : path and what of it is wanted → the camera. write : → text; None of a format that is read only. Both raise
     InputError. fits : whether a text looks like this format.
@@ -154,7 +155,7 @@ class Format:
         return replace(found, camera=camera, notes=(*found.notes, note))
 
     def lost(self, exchanged: Exchanged) -> list[str]:
-        """What a file of this format cannot hold of a camera, in words."""
+        """What a file of this format cannot store of a camera, in words."""
         words = list(exchanged.others)
         if exchanged.T_reference_camera is not None and not self.with_pose:
             words.append("the camera's pose")
@@ -192,7 +193,7 @@ def stated(camera: Camera, models: Mapping[tuple[str, int], str], program: str) 
 
 
 def _left_out_px(camera: Camera, count: int) -> float:
-    """Largest shift of picture points if only `count` coefficients are kept, without a new fit; NaN: unknown."""
+    """Largest shift of picture points, px, if only `count` coefficients are kept without a new fit; NaN if unknown."""
     width, height = camera.image_size
     u, v = np.meshgrid(np.linspace(0, width - 1, 41), np.linspace(0, height - 1, 31))
     pixels = np.stack([u, v], axis=-1).reshape(-1, 2)
@@ -204,7 +205,7 @@ def _left_out_px(camera: Camera, count: int) -> float:
 
 
 def size_of(sides: Sequence[tuple[str, Any]], path: Path) -> tuple[int, int]:
-    """(width, height) px of two keys with their values. Raises InputError for what is no whole number."""
+    """(width, height) px from two keys and their values. Raises InputError for what is not a whole number."""
     for key, value in sides:
         number = isinstance(value, int | float) and not isinstance(value, bool)
         # as in the schema of rig.json
@@ -216,7 +217,7 @@ def size_of(sides: Sequence[tuple[str, Any]], path: Path) -> tuple[int, int]:
 
 
 def one_of(value: Any, known: Iterable[str], key: str, path: Path) -> str:
-    """A known name. Raises InputError for anything else."""
+    """A value that must be one of the known names. Raises InputError for another."""
     if not isinstance(value, str) or value not in known:
         raise InputError(f"{key} is {value!r:.60}", where=path, remedy=f"one of {', '.join(known)} is needed")
     return value

@@ -45,7 +45,7 @@ _NAMES = {
 
 
 def _cameras(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Number or side ("" of the only camera) → what is known of it, by the keys of `_NAMES`."""
+    """The cameras in a file by number or side ("" for a single one), each with its values by the keys of `_NAMES`."""
     found: dict[str, dict[str, Any]] = {}
     for name, value in values.items():
         for key, pattern in _NAMES.items():
@@ -61,8 +61,8 @@ def _cameras(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 def _camera_of(
     values: Mapping[str, Any], wanted: Wanted, path: Path, needs: str, *, pinhole: bool = False
 ) -> tuple[Camera, list[str]]:
-    """The camera of a mapping of numbers and matrices, and notes; pinhole : of four coefficients without a model, that
-    they are k1 k2 p1 p2: else they are asked about."""
+    """The camera in a mapping of numbers and matrices, and notes. pinhole : whether four coefficients without a
+    model name are k1 k2 p1 p2; otherwise the user must say."""
     cameras = _cameras(values)
     one = cameras[wanted.one_of(list(cameras), path) if wanted.which or len(cameras) > 1 else min(cameras)]
     matrix, coefficients = (np.asarray(one.get(key, ()), object) for key in ("matrix", "coefficients"))
@@ -87,7 +87,7 @@ def _camera_of(
 
 
 def _size(one: Mapping[str, Any], matrix: np.ndarray, wanted: Wanted, path: Path) -> tuple[int, int]:
-    """(width, height) px. Raises InputError where they are not stated, or perhaps the other way round."""
+    """(width, height) px. Raises InputError where they are missing, or may be exchanged."""
     sides = [(f"image_{key}", one.get(key)) for key in ("width", "height")]
     if one.get("size") is not None:
         size = one["size"]
@@ -107,8 +107,8 @@ def _size(one: Mapping[str, Any], matrix: np.ndarray, wanted: Wanted, path: Path
 
 
 def _read_opencv(path: Path, wanted: Wanted) -> Exchanged:
-    """FileStorage with the keys of OpenCV's calibration samples (samples/cpp/calibration.cpp, stereo_calib.cpp: M1 D1
-    M2 D2, without the picture's size).
+    """A camera in OpenCV's FileStorage with the keys of its calibration samples (samples/cpp/calibration.cpp,
+    stereo_calib.cpp: M1 D1 M2 D2, without the picture's size).
 
     - Pixels: (0, 0) is the centre of the first pixel. Coefficients: 4, 5, 8, 12 or 14, (k, 1) or (1, k).
     - fisheye_model: 1 where the four coefficients are those of cv::fisheye. `calibration.cpp` does not write it.
@@ -129,7 +129,7 @@ def _read_opencv(path: Path, wanted: Wanted) -> Exchanged:
 
 
 def _unpacked(value: Any) -> Any:
-    """Lists as arrays, nine numbers as (3, 3); a mapping with `data` as these."""
+    """Nested values with lists as arrays, nine numbers as (3, 3), and a mapping with `data` as its matrix."""
     if isinstance(value, dict):
         return _unpacked(value["data"]) if "data" in value else value
     try:
@@ -140,8 +140,8 @@ def _unpacked(value: Any) -> Any:
 
 
 def _read_numbers(path: Path, wanted: Wanted) -> Exchanged:
-    """A matrix and coefficients by the names that people give them, such as mtx and dist: JSON or YAML with lists, the
-    .npz of OpenCV's tutorial, a calibration of PhotonVision (matrices with rows, cols and data)."""
+    """A camera from a matrix and coefficients under usual names such as mtx and dist: JSON or YAML with lists, the
+    .npz of OpenCV's tutorial, a calibration by PhotonVision (matrices with rows, cols and data)."""
     needs = "a 3x3 camera_matrix (mtx, K) and distortion_coefficients (dist, D) are needed"
     if read_bytes(path, most=_LARGEST)[:2] == b"PK":
         try:
@@ -178,7 +178,8 @@ _LARGEST = 100_000_000
 
 
 def _read_mrcal(path: Path, _: Wanted) -> Exchanged:
-    """dkogan/mrcal, mrcal/cameramodel.py: a Python literal, there and here for `ast.literal_eval`.
+    """A camera of mrcal (dkogan/mrcal, mrcal/cameramodel.py): a Python literal, read there and here by
+    `ast.literal_eval`.
 
     - Pixels: (0, 0) is the centre of the first pixel. intrinsics: fx, fy, cx, cy, then OpenCV's coefficients in order.
     - LENSMODEL_PINHOLE, _OPENCV4, 5, 8, 12. There is no equidistant fisheye and no sensor tilt. Splined and CAHVOR
@@ -220,7 +221,7 @@ def _read_mrcal(path: Path, _: Wanted) -> Exchanged:
 
 
 def _mrcal_name(whole: Any) -> tuple[Any, dict[str, float]]:
-    """A lens model's name, and the settings behind it: LENSMODEL_CAHVORE_linearity=0.4."""
+    """A lens model's name and its configuration values: LENSMODEL_CAHVORE_linearity=0.4."""
     if not isinstance(whole, str):
         return whole, {}
     pairs = r"_(order|Nx|Ny|fov_x_deg|linearity)=(\d{1,5}(?:\.\d{1,9})?)"
@@ -233,8 +234,8 @@ def _sound_spline(config: Mapping[str, float]) -> bool:
 
 
 def _read_cahvor(path: Path, wanted: Wanted) -> Exchanged:
-    """JPL's .cahvor, as mrcal/cahvor.py reads it: the vectors C A H V, and O R of CAHVOR, E of CAHVORE; or mrcal's line
-    of OpenCV's coefficients. Where H and V are not square, that is refitted, too."""
+    """A camera in JPL's .cahvor, as mrcal/cahvor.py reads it: the vectors C A H V, and O R of CAHVOR, E of CAHVORE;
+    or mrcal's line of OpenCV's coefficients. A camera with H and V not orthogonal is refitted, too."""
     lines = re.findall(r"(?m)^\s*(\w+)\s*=\s*(.+?)\s*$", read_text(path, _LARGEST))
     cells = {name.replace("DISTORTION", "LENSMODEL"): value.split() for name, value in lines}
 
@@ -280,7 +281,7 @@ def _read_cahvor(path: Path, wanted: Wanted) -> Exchanged:
 
 
 def _write_mrcal(exchanged: Exchanged) -> str:
-    """Without a pose the camera is its own reference."""
+    """Write a .cameramodel; a camera without a pose is its own reference."""
     camera = exchanged.camera
     name, coefficients = stated(camera, {("opencv", count): name for name, count in _MRCAL_COUNTS.items()}, "mrcal")
     pose = (exchanged.T_reference_camera or Pose.identity()).inverse()
@@ -315,7 +316,8 @@ _COLMAP_MODELS = {
 
 
 def _read_colmap(path: Path, wanted: Wanted) -> Exchanged:
-    """colmap/colmap, doc/format.rst; models in src/colmap/sensor/models.h. Of several cameras one by its CAMERA_ID.
+    """A camera of COLMAP (colmap/colmap, doc/format.rst; models in src/colmap/sensor/models.h), by its CAMERA_ID
+    where there are several.
 
     - Pixels: (0.5, 0.5) is the centre of the first pixel: cx and cy stand there larger by 0.5 than here. The half is
       added and taken away in decimal, so that no bit is lost.
@@ -348,7 +350,7 @@ def _read_colmap(path: Path, wanted: Wanted) -> Exchanged:
 
 
 def _text_of_binary(path: Path) -> str:
-    """The lines of cameras.txt that a cameras.bin stands for (src/colmap/scene/reconstruction_io_binary.cc)."""
+    """The lines of the cameras.txt equivalent to a cameras.bin (src/colmap/scene/reconstruction_io_binary.cc)."""
     names = ["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV", "FOV"]
     names += ["SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE"]
     data, lines = read_bytes(path, most=_LARGEST), []
@@ -397,7 +399,7 @@ def _plain(text: str, place: Path) -> float:
 
 
 def _decimal(text: str, place: Path | None, shift: Decimal) -> Decimal:
-    """A number as it is written, plus a shift, exactly."""
+    """The text of a decimal number with a shift added exactly."""
     digits = 400
     try:
         value = Decimal(text)

@@ -1,1 +1,1 @@
-"""What every package uses: errors, files, tables, images, console, arrays."""
+"""Common parts of every package: errors, files, tables, images, console, arrays."""

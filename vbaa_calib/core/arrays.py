@@ -1,7 +1,7 @@
-"""Numbers from outside, checked. NumPy or torch: one set of formulas serves both, and the kind, dtype and device
-that go in come out.
+"""Checks of numbers from outside; and arrays of NumPy or torch: one set of formulas serves both, and the kind, dtype
+and device of the input are those of the output.
 
-torch takes a second to load. Nothing here loads it: where there is a tensor, somebody has.
+torch takes a second to load. Nothing here loads it: where there is a tensor, it is loaded already.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ ArrayT = TypeVar("ArrayT", np.ndarray, "torch.Tensor")
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Arrays with the same first axis, which gives the length; fields of other kinds belong to all rows."""
+    """A record of arrays with the same first axis, which gives its length; fields of other kinds belong to all rows."""
 
     def __len__(self) -> int:
         return len(next(each for each in vars(self).values() if isinstance(each, np.ndarray)))
@@ -43,7 +43,7 @@ class Rows:
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """The rows of several, at least one, one after the other."""
+        """The rows of several records, at least one, concatenated."""
         each = [part._arrays() for part in parts]
         return replace(parts[0], **{name: np.concatenate([one[name] for one in each]) for name in each[0]})
 
@@ -52,24 +52,25 @@ class Rows:
 
 
 def is_tensor(values: Any) -> TypeIs[torch.Tensor]:
-    """Whether values are torch's."""
+    """Whether values are a torch tensor."""
     kind = getattr(sys.modules.get("torch"), "Tensor", None)
     return kind is not None and isinstance(values, kind)
 
 
 def _is_masked(values: Any) -> bool:
-    """Whether values are an array of NumPy's with a mask; `numpy.ma` loads with the first."""
+    """Whether values are a masked array of NumPy; `numpy.ma` loads with the first one."""
     kind = getattr(sys.modules.get("numpy.ma"), "MaskedArray", None)
     return kind is not None and isinstance(values, kind)
 
 
 def namespace(values: Array) -> ModuleType:
-    """The library that works on these values."""
+    """The array library of these values: numpy or torch."""
     return sys.modules["torch"] if is_tensor(values) else np
 
 
 def working(values: Array, last: int, name: str) -> tuple[Array, Callable[[Array], Array]]:
-    """An input in float64 (float32 on a device that has no other), and what takes a result to the input's dtype.
+    """An input in float64 (float32 on a device that has no other), and the function that converts a result to the
+    input's dtype.
 
     Raises InputError, which names it, unless it is float32 or float64 of shape (..., last).
     """
@@ -99,14 +100,14 @@ def widest_float(device: torch.device) -> torch.dtype:
 
 
 def like(reference: Array, values: Array) -> Array:
-    """Values of either kind in the kind, dtype and device of the reference."""
+    """Values converted to the kind, dtype and device of the reference."""
     if is_tensor(reference):
         return namespace(reference).as_tensor(values, dtype=reference.dtype, device=reference.device)
     return np.asarray(values, dtype=reference.dtype)
 
 
 def masked(values: Array, valid: Array) -> Array:
-    """NaN where not valid; valid has the leading dimensions of values.
+    """Values with NaN where not valid; `valid` has the leading dimensions of the values.
 
     The values under the mask must be finite: then no NaN reaches a gradient.
     """
@@ -116,7 +117,7 @@ def masked(values: Array, valid: Array) -> Array:
 
 @dataclass(frozen=True)
 class _PlausibleSettings:
-    """Largest sizes that can be meant: what is larger is in another unit."""
+    """Largest plausible sizes: what is larger must be in another unit."""
 
     pixel_px: float = 1e7  # beyond, coordinates are of another kind
     angle_rad: float = 2.0 * math.pi  # of a joint: beyond a turn they are degrees, or counts of an encoder
@@ -130,7 +131,7 @@ MOMENT_REMEDY = "give N·m"
 
 
 def as_floats(values: Any, name: str, remedy: str) -> np.ndarray:
-    """`values` as float64, of any shape: numbers, lists and arrays of them; None and what an array masks become NaN.
+    """`values` as float64 of any shape: numbers, lists and arrays of them; None and masked values become NaN.
 
     Raises
     ------
@@ -158,7 +159,7 @@ def as_floats(values: Any, name: str, remedy: str) -> np.ndarray:
 
 
 def as_float(value: Any, name: str, remedy: str) -> float:
-    """One number. Raises InputError as `as_floats` does, and for several."""
+    """One number as float64. Raises InputError as `as_floats`, and for several numbers."""
     if type(value) is float:
         return value
     number = as_floats(value, name, remedy)
@@ -177,7 +178,7 @@ def _number(one: Any) -> float:
 
 
 def of_shape(values: Any, shape: tuple[int, ...], name: str, finite: bool = True) -> np.ndarray:
-    """`values` as float64 of this shape. Raises InputError, also for NaN and infinity unless they may be."""
+    """`values` as float64 of this shape. Raises InputError, also for NaN and infinity if `finite`."""
     if not (type(values) is np.ndarray and values.dtype == np.float64):
         values = as_floats(values, name, f"give finite numbers, {shape}")
     if values.shape != shape:
@@ -188,7 +189,7 @@ def of_shape(values: Any, shape: tuple[int, ...], name: str, finite: bool = True
 
 
 def fixed(values: Any, shape: tuple[int, ...], name: str, finite: bool = True) -> np.ndarray:
-    """A copy that cannot be changed, for a record that shall not change. Raises InputError as `of_shape` does."""
+    """A read-only float64 copy, for immutable records. Raises InputError as `of_shape`."""
     array = of_shape(values, shape, name, finite)
     if array.flags.writeable or array.base is not None:
         array = array.copy()
@@ -197,7 +198,7 @@ def fixed(values: Any, shape: tuple[int, ...], name: str, finite: bool = True) -
 
 
 def real_gravity(gravity: np.ndarray) -> np.ndarray:
-    """(3,) m/s², zero for weightless. Raises ValueError, with a remedy, for a size that is in other units."""
+    """(3,) m/s², zero for weightless. Raises ValueError, with a remedy, for a magnitude in other units."""
     size = math.hypot(*gravity)
     if size and not 1.5 <= size <= 30.0:  # the Moon's, and more than Jupiter's
         raise ValueError(f"has the size {size:.3g}", "give m/s²: on Earth the three numbers have the size 9.8, not 1")
@@ -227,7 +228,7 @@ _AT_ONCE = {float: "float", int: "int", str: "str", bool: "bool"}
 
 
 def gate(call: _Call) -> _Call:
-    """A public function or record that validates its arguments by its annotations.
+    """Decorator: a public function or record that validates its arguments by its annotations.
 
     Numbers must be numbers, arrays consist of them (what is masked is missing), lists be no text, records be of their
     class; an argument annotated `Any` is not validated. It raises InputError for anything else.
@@ -253,7 +254,7 @@ def gate(call: _Call) -> _Call:
 
 
 def _taken(value: Any, name: str, kinds: list[str]) -> Any:
-    """A value of one of these kinds; arrays in our own form. Raises InputError for another."""
+    """A value of one of these types, arrays converted to ours. Raises InputError for another."""
     own = type(value)
     if own in _AT_ONCE and _AT_ONCE[own] in kinds:
         return value
@@ -282,7 +283,7 @@ def _is(value: Any, kind: str) -> bool:
 
 
 def check_angle(value: float, name: str, refuse: Callable[[str, str], InputError] | None = None) -> float:
-    """A joint angle, rad. Raises InputError, or what `refuse(what, remedy)` returns, for one beyond a turn."""
+    """A joint angle, rad. Raises InputError, or the result of `refuse(what, remedy)`, for more than a turn."""
     if abs(value) <= PLAUSIBLE.angle_rad:
         return value
     what = f"{name} is {value:g}, more than a turn" if math.isfinite(value) else f"{name} is {value:g}"
@@ -290,7 +291,7 @@ def check_angle(value: float, name: str, refuse: Callable[[str, str], InputError
 
 
 def check_each(values: np.ndarray, most: float, name: str, remedy: str, missing: str = "nan") -> np.ndarray:
-    """Values of any shape within ±most. Raises InputError for the first other.
+    """Values of any shape within ±most. Raises InputError for the first beyond.
 
     missing : what stands for a value that there is not: "nan", "infinite" for both, or "" for nothing.
     """

@@ -1,4 +1,4 @@
-"""What a person reads while a command works: prose and progress on stderr, so that stdout stays for results."""
+"""Prose and progress on stderr while a command works, so that stdout is left to results."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _Item = TypeVar("_Item")
 
 
 def say(text: str) -> None:
-    """One line or paragraph of prose, to stderr."""
+    """Print a line or paragraph to stderr."""
     print(text, file=sys.stderr, flush=True)
 
 

@@ -1,6 +1,6 @@
-"""Tables as rows of text, a long one a row at a time, and the numbers in their cells.
+"""CSV tables as rows of text, a long one row by row, and the numbers in their cells.
 
-Cells stand between commas, semicolons or tabs, as the header shows; lines that begin with # are comments.
+Cells are separated by commas, semicolons or tabs, as in the header; lines that begin with # are comments.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _BETWEEN = (",", ";", "\t")
 def read_csv(
     path: Path, columns: Sequence[str], optional: Sequence[str] = (), instead: Mapping[str, str] = _NOTHING
 ) -> list[dict[str, str]]:
-    """All rows at once, as `csv_rows` gives them, and with its errors; of a file that memory holds."""
+    """All rows of a table at once, as `csv_rows` yields them and with its errors; for files that fit into memory."""
     require_file(path, most=FILE_LIMITS.most_bytes)
     return list(csv_rows(path, columns, optional, instead))
 
@@ -38,7 +38,7 @@ def read_csv(
 def csv_rows(
     path: Path, columns: Sequence[str], optional: Sequence[str] = (), instead: Mapping[str, str] = _NOTHING
 ) -> Iterator[dict[str, str]]:
-    """Rows of a table with a header, as text, as they are asked for; each also carries its place in the file as `line`.
+    """Yields the rows of a table with a header, as text; each also has its place in the file as `line`.
 
     Raises InputError, when it comes to it, for a missing file, header, column or cell, and for a table without rows.
     Columns beyond those named are ignored, and so are blank lines. `instead` names a column that may stand in the place
@@ -62,7 +62,7 @@ def csv_rows(
 
 
 def header_of(path: Path) -> list[str]:
-    """The names of a table's columns; none for an empty file. Raises InputError as `csv_rows` does."""
+    """The names of a table's columns; empty for an empty file. Raises InputError as `csv_rows`."""
     return next(_filled(path), (0, []))[1]
 
 
@@ -101,8 +101,8 @@ def _filled(path: Path) -> Iterator[tuple[int, list[str]]]:
 
 
 def _beginning(lines: Iterator[str]) -> tuple[list[str], str | None]:
-    """The lines up to the first row, comments and what is before them blank, and the header if that is a comment: the
-    last one, where it names as many cells as the first row has, and that holds numbers, which no header does."""
+    """The lines up to the first row, with comments and what precedes the header as blanks. A header may be a
+    comment: the last one with as many cells as the first row, if that holds numbers, which no header does."""
     begin, comment = list[str](), ""
     for text in lines:
         if not text.startswith("#") and not text.startswith("sep=") and text.strip(" \t\r\n,;"):
@@ -124,7 +124,7 @@ def _is_number(text: str) -> bool:
 
 
 def _lines(stream: TextIO) -> Iterator[str]:
-    """Its lines. Raises csv.Error for one without end."""
+    """The lines of a stream. Raises csv.Error for one that does not end."""
     while line := stream.readline(_LONGEST):
         if len(line) == _LONGEST and not line.endswith("\n"):
             raise csv.Error(f"a line of over {_LONGEST} characters")
@@ -134,7 +134,7 @@ def _lines(stream: TextIO) -> Iterator[str]:
 
 
 def places_of(header: Sequence[str], columns: Sequence[str], optional: Sequence[str], path: Path) -> dict[str, int]:
-    """Where each wanted column stands, of the optional ones those that are there. Raises InputError naming another."""
+    """Index of each wanted column, and of the optional ones that exist. Raises InputError for a missing one."""
     known = [*columns, *(name for name in optional if name in header)]
     for name in known:
         if header.count(name) == 1:
@@ -145,9 +145,8 @@ def places_of(header: Sequence[str], columns: Sequence[str], optional: Sequence[
 
 
 def plain_rows(lines: bytes, count: int, places: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Whole lines of `count` cells as numbers, read by NumPy; None unless they are plain, with a number in each column
-    of `places`: the cells (R, K) of these columns, and where each row begins and ends (R,), in bytes. Blank lines are
-    left out."""
+    """Whole lines of `count` cells parsed by NumPy: the cells (R, K) of the columns `places`, and the first and last
+    byte (R,) of each row; None unless all of these cells are plain numbers. Blank lines are left out."""
     returns = lines.count(b"\r")
     if b'"' in lines or (returns and returns != lines.count(b"\r\n")):
         return None
@@ -167,8 +166,8 @@ def plain_rows(lines: bytes, count: int, places: Sequence[int]) -> tuple[np.ndar
 
 
 def loaded(lines: bytes, count: int, places: Sequence[int]) -> np.ndarray:
-    """(N, K) some columns of whole lines of `count` cells. Raises ValueError for lines of more or fewer, for cells of
-    these columns that are no numbers, and for text that is not ASCII."""
+    """(N, K) columns of whole lines of `count` cells. Raises ValueError for lines with another number of cells, for
+    cells of these columns that are not numbers, and for text that is not ASCII."""
     if len(lines) < 1 << 18:  # what is parsed more quickly than Arrow loads
         text, codes = lines.decode("ascii"), np.frombuffer(lines, np.uint8)
         ends, commas = np.flatnonzero(codes < 32), np.flatnonzero(codes == ord(","))
@@ -193,7 +192,8 @@ def loaded(lines: bytes, count: int, places: Sequence[int]) -> np.ndarray:
 
 
 def plain_columns(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> dict[str, np.ndarray] | None:
-    """The columns (R,) of a file of finite numbers, quickly; None for any other, which `csv_rows` reads or refuses."""
+    """The columns (R,) of a file of finite numbers, read fast; None for any other, which `csv_rows` reads or
+    refuses."""
     with suppress(OSError, UnicodeDecodeError, InputError):
         require_file(path, most=FILE_LIMITS.most_bytes)
         first, _, lines = path.read_bytes().partition(b"\n")
@@ -206,7 +206,7 @@ def plain_columns(path: Path, columns: Sequence[str], optional: Sequence[str] = 
 
 
 def number(row: Mapping[str, str], column: str, path: Path) -> float:
-    """One finite number out of a CSV row. Raises InputError naming file, line and column."""
+    """A finite number in a CSV row. Raises InputError naming file, line and column."""
     text, place = row[column], f"{path} line {row['line']}"
     try:
         # float() reads 1_0 as 10; in a table it is a slip of the pen
@@ -220,7 +220,7 @@ def number(row: Mapping[str, str], column: str, path: Path) -> float:
 
 
 def whole_number(row: Mapping[str, str], column: str, path: Path) -> int:
-    """One whole number from 0 on out of a CSV row. Raises InputError naming file, line and column."""
+    """A whole number, 0 or more, in a CSV row. Raises InputError naming file, line and column."""
     value, place = number(row, column, path), f"{path} line {row['line']}"
     if not 0 <= value < MOST_WHOLE or value != int(value):
         raise InputError(f"{column} is {row[column]}", where=place, remedy="a whole number from 0 on is needed")

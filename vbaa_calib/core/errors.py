@@ -35,7 +35,7 @@ class InputError(VbaaError):
 
 
 def of_extra(error: Exception, extra: str = "") -> InputError | None:
-    """What to say of a package that is not installed because it belongs to an extra; None for any other error."""
+    """The message for an ImportError of a package that belongs to an extra; None for any other error."""
     name = (getattr(error, "name", None) or "").partition(".")[0]
     extra = extra or ("view" if name in ("pyvista", "vtkmodules", "trame_vtk") else "")
     if not (isinstance(error, ModuleNotFoundError) and extra):
@@ -44,7 +44,7 @@ def of_extra(error: Exception, extra: str = "") -> InputError | None:
 
 
 def require_extra(module: str, extra: str) -> Any:
-    """A module of an extra. Raises InputError where it is not installed."""
+    """Import a module of an extra. Raises InputError where it is not installed."""
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:
@@ -53,7 +53,7 @@ def require_extra(module: str, extra: str) -> Any:
 
 @contextmanager
 def about(where: object) -> Iterator[None]:
-    """Errors of input raised inside that name no place of their own name this one."""
+    """Context in which input errors without a place get this one."""
     try:
         yield
     except InputError as error:
@@ -61,20 +61,20 @@ def about(where: object) -> Iterator[None]:
 
 
 def one_line(text: str) -> str:
-    """The text in one line, in which a name from outside moves no cursor and paints nothing."""
+    """The text in one line, with control characters replaced, so that a name from outside cannot control the
+    terminal."""
     blank = (" " if each.isspace() else each for each in text)
     return "".join(each if each.isprintable() else "\N{REPLACEMENT CHARACTER}" for each in blank)
 
 
 def clipped(text: str) -> str:
-    """The text in one line, without its middle where nobody would read all of it: a value out of a file may have any
-    length."""
+    """The text in one line with the middle of a long one left out: a value from a file may have any length."""
     half = _LONGEST // 2
     return one_line(text if len(text) <= _LONGEST else f"{text[:half]} ... {text[-half:]}")
 
 
 def quoted(value: object) -> str:
-    """A value from outside, as Python writes it, for a message: in one line of at most 60 characters."""
+    """A value from outside for a message: its Python repr in one line of at most 60 characters."""
     try:
         text = " ".join(repr(value).split())
     except (RecursionError, ValueError):  # nested without end; a number of thousands of digits
@@ -83,12 +83,12 @@ def quoted(value: object) -> str:
 
 
 def reason_of(error: Exception) -> object:
-    """Why the system refused a path, in its words; the error itself for a path that it does not even take."""
+    """The reason why the system refused a path, in its words; the error itself for an invalid path."""
     return getattr(error, "strerror", None) or error
 
 
 def sentence_of(error: BaseException) -> str | None:
-    """What to tell a user of an error that can come from outside: ours, or a full disk's; None for a fault of ours."""
+    """The message for an error that can come from outside, such as ours or a full disk's; None for a bug of ours."""
     if isinstance(error, VbaaError):
         return str(error)
     if isinstance(error, OSError) and error.strerror:
@@ -97,7 +97,7 @@ def sentence_of(error: BaseException) -> str | None:
 
 
 class SolveError(VbaaError):
-    """A solver did not reach an answer that may be trusted."""
+    """A solver did not reach a trustworthy solution."""
 
 
 Severity = Literal["wrong", "doubt", "note"]
@@ -106,7 +106,7 @@ Severity = Literal["wrong", "doubt", "note"]
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """One thing that is wrong, or looks wrong, with what was measured.
+    """A fault, or possible fault, of what was measured, with its remedy.
 
     Attributes
     ----------
@@ -128,7 +128,7 @@ class Diagnosis:
 
     @property
     def label(self) -> str:
-        """The word before a finding in a list of them."""
+        """The word that precedes a finding in a list."""
         return "look at" if self.severity == "doubt" else self.severity
 
     def __str__(self) -> str:
@@ -140,27 +140,27 @@ class Diagnosis:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether a calibration or a recording may be used: as good as the worst of its findings."""
+    """Whether a calibration or a recording may be used: as good as its worst finding."""
 
     severity: Severity | Literal["none"] = "none"
     findings: tuple[Diagnosis, ...] = ()
 
     @staticmethod
     def of(findings: Iterable[Diagnosis]) -> Verdict:
-        """The verdict by these findings, the worst first."""
+        """The verdict from these findings, the worst first."""
         ranked = sorted(findings, key=lambda one: get_args(Severity).index(one.severity))
         return Verdict(ranked[0].severity if ranked else "none", tuple(ranked))
 
     @property
     def causes(self) -> str:
-        """In words, all for which it must not be used; empty where there are none."""
+        """The reasons why it must not be used, in words; empty without any."""
         return "; ".join(one.words for one in self.findings if one.grave)
 
     @property
     def lines(self) -> list[str]:
-        """A line for each finding, with what to do."""
+        """A line for each finding, with its remedy."""
         return [f"{one.label}: {one}" for one in self.findings]
 
     def to_dict(self) -> dict[str, Any]:
-        """The mapping `verdict` of rig.json and of `--json`."""
+        """The entry `verdict` of rig.json and of `--json`."""
         return {"severity": self.severity, "findings": [one.to_dict() for one in self.findings]}

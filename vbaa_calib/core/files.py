@@ -1,4 +1,4 @@
-"""Reading and writing files: hostile input is refused in one line, and nothing is ever left half-written."""
+"""Reading and writing files: invalid input is refused in one line, and files are written completely or not at all."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from .errors import InputError, SolveError, reason_of
 
 @dataclass(frozen=True)
 class _FileSettings:
-    """Limits of what is read, so that a wrong or hostile file costs neither memory nor minutes."""
+    """Limits of reading, so that a wrong or hostile file costs neither memory nor minutes."""
 
     most_bytes: int = 2_000_000_000  # of any file
     most_yaml_bytes: int = 1_000_000  # of what people write by hand; PyYAML takes seconds for it
@@ -48,12 +48,12 @@ _TEXT = "tag:yaml.org,2002:str"
 
 
 def most_memory(size: int) -> int:
-    """Bytes of memory that a reader may take for a file of this size."""
+    """Limit of memory, bytes, for reading a file of this size."""
     return 50 * size + 200_000_000
 
 
 def read_bytes(path: Path, kind: str = "file", most: int = FILE_LIMITS.most_bytes) -> bytes:
-    """The contents of a file. Raises InputError as `require_file` does, and when it cannot be read."""
+    """The contents of a file. Raises InputError as `require_file`, and when it cannot be read."""
     require_file(path, kind, most)
     try:
         return Path(path).read_bytes()
@@ -63,7 +63,8 @@ def read_bytes(path: Path, kind: str = "file", most: int = FILE_LIMITS.most_byte
 
 
 def require_file(path: Path, kind: str = "file", most: float = math.inf) -> None:
-    """Raises InputError for what is missing, a folder, a pipe or device (it may never end), or over `most` bytes.
+    """Raises InputError for a path that is missing, a folder, a pipe or device (which may never end), or a file over
+    `most` bytes.
 
     `kind` is what the error calls it.
     """
@@ -85,7 +86,7 @@ def require_file(path: Path, kind: str = "file", most: float = math.inf) -> None
 
 
 def read_text(path: Path, most: int = FILE_LIMITS.most_bytes) -> str:
-    """The file's text, UTF-8. Raises InputError as `read_bytes` does, and when it is not text."""
+    """The file's text, UTF-8. Raises InputError as `read_bytes`, and when it is not text."""
     try:
         text = read_bytes(path, most=most).decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -94,12 +95,12 @@ def read_text(path: Path, most: int = FILE_LIMITS.most_bytes) -> str:
 
 
 def with_lines(text: str) -> tuple[Any, Callable[[Sequence[str | int]], int | None]]:
-    """What a YAML text holds, parsed once, and the line of a place in it, found by its keys."""
+    """The data in a YAML text, parsed once, and a function from the keys of a value to its line."""
     loader = _UniqueKeyLoader(text)
     root = loader.get_single_node()
 
     def line_of(keys: Sequence[str | int]) -> int | None:
-        """The line where a place stands, or the last key on the way to it; None for none at all."""
+        """The line of the value at these keys, or of the last key that exists; None without any."""
         node, line = root, None
         for key in keys:
             if isinstance(node, yaml.MappingNode):
@@ -117,7 +118,7 @@ def with_lines(text: str) -> tuple[Any, Callable[[Sequence[str | int]], int | No
 
 
 class _UniqueKeyLoader(Composer, CParser, SafeConstructor, Resolver):
-    """YAML without silent surprises: a repeated key is an error, not the last one wins.
+    """A YAML loader for which a repeated key is an error, instead of the last one counting.
 
     libyaml reads the text; the tree is built in Python, where nesting raises RecursionError: PyYAML's CSafeLoader
     ends the process.
@@ -130,7 +131,7 @@ class _UniqueKeyLoader(Composer, CParser, SafeConstructor, Resolver):
         self._count = 0
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        """As Composer's, which has no bound."""
+        """Composer's method, with a bound on the depth."""
         self._count += 1
         if self._count > FILE_LIMITS.most_values:
             here: Any = self.peek_event()
@@ -138,19 +139,19 @@ class _UniqueKeyLoader(Composer, CParser, SafeConstructor, Resolver):
         return super().compose_node(parent, index)
 
     def resolve(self, kind: Any, value: Any, implicit: Any) -> str:
-        """As SafeLoader's, but a long word is a text: PyYAML's patterns of numbers take a square of its length."""
+        """SafeLoader's method, except that a long word is text: PyYAML's patterns of numbers take quadratic time."""
         if kind is yaml.ScalarNode and implicit[0] and len(value) > FILE_LIMITS.longest_number:
             return _TEXT
         return str(super().resolve(kind, value, implicit))
 
     def construct_scalar(self, node: Any) -> Any:
-        """As SafeLoader's, but a long number is refused: its digits take a square of their length, too."""
+        """SafeLoader's method, except that a long number is refused: its digits take quadratic time, too."""
         if isinstance(node, yaml.ScalarNode) and node.tag != _TEXT and len(node.value) > FILE_LIMITS.longest_number:
             raise ConstructorError(None, None, "no number is that long", node.start_mark)
         return super().construct_scalar(node)
 
     def get_single_node(self) -> yaml.Node | None:
-        """The document's node, as SafeLoader's; a small file that its aliases make endless is refused."""
+        """The document's node by SafeLoader's method; a small file that its aliases expand without end is refused."""
         node = super().get_single_node()
         if node is not None and _size(node, {}) > FILE_LIMITS.most_values:
             raise ComposerError(None, None, "its aliases never end", node.start_mark)
@@ -158,7 +159,7 @@ class _UniqueKeyLoader(Composer, CParser, SafeConstructor, Resolver):
 
 
 def _size(node: yaml.Node, sizes: dict[int, float]) -> float:
-    """How many values a node stands for with all aliases written out; infinite where it holds itself."""
+    """Number of values of a node with all aliases expanded; infinite where it contains itself."""
     if id(node) not in sizes:
         sizes[id(node)] = math.inf  # what is found on coming back here before the sum is known
         pairs = isinstance(node, yaml.MappingNode)
@@ -185,7 +186,7 @@ _UniqueKeyLoader.add_constructor(Resolver.DEFAULT_MAPPING_TAG, _unique_mapping) 
 
 
 class UniqueKeyDumper(yaml.SafeDumper):
-    """Writes what `_UniqueKeyLoader` reads: a text that looks like a number of ours is put in quotes."""
+    """A YAML dumper for `_UniqueKeyLoader`: text that looks like a number is quoted."""
 
 
 for _each in (_UniqueKeyLoader, UniqueKeyDumper):
@@ -198,7 +199,8 @@ for _each in (_UniqueKeyLoader, UniqueKeyDumper):
 
 
 def read_yaml(path: Path, *, first: bool = False) -> dict[str, Any]:
-    """A YAML mapping, or the first of several documents. Raises InputError naming the line of what is wrong."""
+    """The mapping in a YAML file; first : in the first of several documents. Raises InputError naming the line of
+    what is wrong."""
     text = read_text(path, FILE_LIMITS.most_yaml_bytes)
     if first:
         text = re.split(r"(?m)(?<=\S)\s*^---\s*$", text, maxsplit=1)[0]
@@ -219,7 +221,7 @@ def read_yaml(path: Path, *, first: bool = False) -> dict[str, Any]:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """A JSON object. Raises InputError naming the line of what is wrong."""
+    """The object in a JSON file. Raises InputError naming the line of what is wrong."""
     try:
         data = json.loads(
             read_text(path, FILE_LIMITS.most_json_bytes), object_pairs_hook=_unique_object, parse_int=_whole_number
@@ -239,12 +241,13 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def _whole_number(text: str) -> float:
-    """As int(), but infinite where no float holds it: so it is refused by its key, as other such numbers are."""
+    """int(text), but infinite where no float can represent it, so that it is refused with its key as other such
+    numbers are."""
     return int(text) if len(text) <= FILE_LIMITS.most_digits else -math.inf if text[0] == "-" else math.inf
 
 
 def _refuse_deep(data: Any) -> None:
-    """Raises RecursionError for what is nested deeper than any file of ours; whoever walks it later would."""
+    """Raises RecursionError for data nested deeper than any of our files, before recursive code meets it."""
     level: list[Any] = [[data]]
     for _ in range(FILE_LIMITS.deepest + 1):
         items = (item for each in level for item in (each.values() if isinstance(each, dict) else each))
@@ -298,7 +301,7 @@ def refuse_overwrite(path: Path, force: bool, inputs: Iterable[Path | None] = ()
 
 
 def refuse_outputs(paths: Iterable[Path | None], force: bool, inputs: Iterable[Path | None] = ()) -> None:
-    """`refuse_overwrite` for each output that is asked for; no two may be the same file."""
+    """`refuse_overwrite` for each requested output; no two may be the same file."""
     known, inputs = set[Path](), list(inputs)
     for path in filter(None, paths):
         refuse_overwrite(path, force, inputs)
@@ -308,7 +311,7 @@ def refuse_outputs(paths: Iterable[Path | None], force: bool, inputs: Iterable[P
 
 
 def refuse_folder_of(path: Path) -> None:
-    """Raises InputError where the folder of `path` can neither be written nor made."""
+    """Raises InputError where the folder of `path` is neither writable nor can be made."""
     folder = Path(os.path.realpath(path)).parent
     while not os.path.lexists(folder):
         folder = folder.parent
@@ -320,7 +323,8 @@ def refuse_folder_of(path: Path) -> None:
 
 @contextmanager
 def replacing(path: Path, force: bool = True) -> Iterator[Path]:
-    """A temporary path next to `path` that takes its place only when the block ends well (write, fsync, rename).
+    """Context with a temporary path next to `path` that replaces it only if the block succeeds (write, fsync,
+    rename).
 
     A link is followed: the file it leads to is replaced. Raises InputError as `refuse_overwrite` does.
     """
@@ -351,7 +355,7 @@ def replacing(path: Path, force: bool = True) -> Iterator[Path]:
 
 @contextmanager
 def signals_deferred() -> Iterator[None]:
-    """Ctrl-C and the signals that end a process wait until the block is over. Other threads never get them."""
+    """Context in which Ctrl-C and terminating signals wait until the block is over. Other threads never get them."""
     delayed, before = [], {}
     try:
         if threading.current_thread() is threading.main_thread():
@@ -367,7 +371,7 @@ def signals_deferred() -> Iterator[None]:
 
 
 def umask() -> int:
-    """What new files are not allowed."""
+    """The process's umask: permissions that new files do not get."""
     mask = os.umask(0)
     os.umask(mask)
     return mask
@@ -375,7 +379,7 @@ def umask() -> int:
 
 @contextmanager
 def disk_errors_named(path: Path) -> Iterator[None]:
-    """Raises InputError naming `path` in place of a disk's error: full, over a quota or a limit, read-only."""
+    """Context that raises InputError naming `path` in place of a disk error: full, over a quota or limit, read-only."""
     causes = {errno.ENOSPC: "free", errno.EDQUOT: "free", errno.EFBIG: "allow", errno.EROFS: ""}
     try:
         yield
@@ -388,7 +392,7 @@ def disk_errors_named(path: Path) -> Iterator[None]:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Make a new name last through a power cut; only POSIX systems can."""
+    """Flush a folder to the disk so that a new name in it survives a power cut; on POSIX systems only."""
     if os.name != "posix":
         return
     handle = os.open(folder, os.O_RDONLY)
@@ -401,14 +405,14 @@ def _sync_folder(folder: Path) -> None:
 
 
 def write_text(path: Path, text: str, force: bool = True) -> None:
-    """Write a text file, whole or not at all."""
+    """Write a text file, completely or not at all."""
     with replacing(path, force) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
 def json_text(data: Mapping[str, Any], indent: int | None = None) -> str:
-    """Data as JSON that every reader takes: names of files that are no UTF-8 as they would be, or with � for what is
-    none. Raises ValueError for NaN."""
+    """Data as JSON that every reader accepts: the bytes of file names that are not UTF-8 are replaced by �. Raises
+    ValueError for NaN."""
     text = json.dumps(data, indent=indent, allow_nan=False)
     if "\\ud" in text:  # halves of pairs, which Python makes of such bytes, or whole pairs
         plain = json.dumps(data, ensure_ascii=False).encode("utf-8", "surrogateescape").decode("utf-8", "replace")
@@ -419,7 +423,7 @@ def json_text(data: Mapping[str, Any], indent: int | None = None) -> str:
 def write_json(
     path: Path, data: Mapping[str, Any], force: bool = True, readable_as: Callable[[dict], object] | None = None
 ) -> None:
-    """Write a JSON object, whole or not at all. NaN is refused: it is not JSON.
+    """Write a JSON object, completely or not at all. NaN is refused, because it is not JSON.
 
     readable_as : its reader, if it has one. Raises SolveError, and writes nothing, where that refuses it.
     """

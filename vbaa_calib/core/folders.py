@@ -1,4 +1,4 @@
-"""Writing whole folders: by one writer at a time, and never half."""
+"""Writing whole folders: by one writer at a time, completely or not at all."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .files import disk_errors_named, signals_deferred, umask
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder, and those above it, unless it is there. Raises InputError."""
+    """Make a folder and its parents unless they exist. Raises InputError."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
@@ -23,7 +23,7 @@ def make_folder(path: Path) -> None:
 
 @contextlib.contextmanager
 def writing_alone(path: Path) -> Iterator[None]:
-    """The only writer of a folder, which need not exist. Raises InputError where another one is at work.
+    """Context of the only writer of a folder, which need not exist. Raises InputError where another one is at work.
 
     The lock lies next to the folder and goes with the process that has it, however that ends.
     """
@@ -53,7 +53,7 @@ def writing_alone(path: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def replacing_folder(path: Path) -> Iterator[Path]:
-    """A temporary folder next to `path` that takes its place only when the block ends well.
+    """Context with a temporary folder next to `path` that replaces it only if the block succeeds.
 
     Whether what is there may be replaced is for the caller to decide before. What an earlier writer left that was
     killed is removed, or gets its name back. Raises InputError where another writer is at work.
@@ -90,7 +90,7 @@ def replacing_folder(path: Path) -> Iterator[Path]:
 
 
 def _tidied(parent: Path, path: Path) -> None:
-    """After a writer that was killed: between the two names the old folder gets its own back."""
+    """Clean up after a writer that was killed between the two renames: the old folder gets its name back."""
     for left in sorted(parent.glob(f".{path.name}-old-????????")):
         if not path.exists() and (left / "replaced").is_dir():
             (left / "replaced").rename(path)

@@ -1,4 +1,4 @@
-"""Reading pictures: a damaged one is refused by name, never half-decoded."""
+"""Reading pictures: a damaged one is refused by name, never half decoded."""
 
 from __future__ import annotations
 
@@ -55,7 +55,8 @@ def read_gray(path: Path, data: bytes | None = None) -> np.ndarray:
 
 
 def read_picture(path: Path, data: bytes | None = None) -> np.ndarray:
-    """One picture in all its depth and colour: (H, W) grey or (H, W, 3) blue, green, red, in the sensor's orientation.
+    """One picture at full depth and in colour: (H, W) grey or (H, W, 3) blue, green, red, in the sensor's
+    orientation.
 
     uint8, or float32 from 0 to 255 where there are more bits, scaled as `read_gray` does. Transparency is left out.
     data : the file's bytes, where they were read already. Raises InputError as `read_gray` does.
@@ -64,12 +65,12 @@ def read_picture(path: Path, data: bytes | None = None) -> np.ndarray:
 
 
 def as_levels(pixels: np.ndarray) -> np.ndarray:
-    """Pixels of 8 bits as they are; of 16 as float32 from 0 to 255, scaled as `read_gray` does."""
+    """8-bit pixels unchanged; 16-bit ones as float32 from 0 to 255, scaled as `read_gray` does."""
     return pixels if pixels.dtype == np.uint8 else _scaled(pixels, np.asarray, np.float32)
 
 
 def _scaled(pixels: np.ndarray, rounded: Callable[[np.ndarray], np.ndarray], kind: type[np.generic]) -> np.ndarray:
-    """From 0 to 255. Row by row: in one piece it would take four times the memory."""
+    """Pixels scaled to 0 to 255, row by row: in one piece that would take four times the memory."""
     factor, levels = _to_255(pixels), np.empty(pixels.shape, kind)
     for row, level in zip(pixels, levels, strict=True):
         level[...] = rounded(row * factor)
@@ -77,7 +78,7 @@ def _scaled(pixels: np.ndarray, rounded: Callable[[np.ndarray], np.ndarray], kin
 
 
 def picture_size(path: Path) -> tuple[int, int]:
-    """(width, height) px, in the sensor's own orientation, of a picture that is whole.
+    """(width, height) px of a complete picture, in the sensor's own orientation.
 
     Raises InputError as `read_gray` does. PNG and JPEG files say it themselves: they are not decoded.
     """
@@ -90,8 +91,8 @@ def picture_size(path: Path) -> tuple[int, int]:
 
 
 def _announced(data: bytes, path: Path) -> tuple[int, int]:
-    """(width, height) as the file has it. Raises InputError where it is empty, torn, of another format, or would take
-    more memory than any reader may."""
+    """(width, height) by the file's header. Raises InputError where the file is empty, truncated, of another format,
+    or would take more memory than the limit."""
     if not data:
         raise InputError("is an empty file", where=path, remedy=_AGAIN)
     # decoders fill what is missing with gray and only print a warning
@@ -126,8 +127,8 @@ def _announced(data: bytes, path: Path) -> tuple[int, int]:
 
 
 def _size(data: bytes) -> tuple[int, int]:
-    """(width, height) by the header of a PNG, JPEG, BMP or WebP file, −1 of another: what that holds is not known
-    before it is decoded. Raises LookupError, StopIteration or struct.error for a damaged one."""
+    """(width, height) by the header of a PNG, JPEG, BMP or WebP file; −1 for another format, known only after
+    decoding. Raises LookupError, StopIteration or struct.error for a damaged one."""
     if data.startswith(_PNG):
         width, height = struct.unpack_from(">II", data, 16)
     elif data.startswith(_JPEG):
@@ -144,12 +145,13 @@ def _size(data: bytes) -> tuple[int, int]:
 
 
 def _start_of_frame(data: bytes) -> int:
-    """Where the segment of a JPEG file begins that gives its size."""
+    """Position of the JPEG segment that contains the size."""
     return next(at for at, marker in _segments(data) if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC))
 
 
 def _of_tiff(data: bytes) -> tuple[int, int, int, int]:
-    """(width, height) of a TIFF file's first picture, −1 unknown; pixels that are decoded at once, and their bytes."""
+    """(width, height) of a TIFF file's first picture, −1 unknown; the number of pixels decoded at once, and their
+    bytes."""
     order, tags = "<" if data.startswith(b"I") else ">", dict[int, int]()
     try:
         (at,) = struct.unpack_from(f"{order}I", data, 4)
@@ -194,14 +196,14 @@ def _pixels(data: bytes | None, path: Path, colours: int) -> np.ndarray:
 
 
 def _to_255(pixels: np.ndarray) -> float:
-    """Factor to the range of 8 bits from the sensor's own depth."""
+    """Factor that scales the sensor's own depth to 8 bits."""
     brightest = int(pixels.max())
     bits = next(bits for bits in (10, 12, 14, 16) if brightest < 1 << bits)
     return 255.0 / ((1 << bits) - 1)
 
 
 def _png_is_whole(data: bytes) -> bool:
-    """Walk the chunks to IEND, checking each CRC."""
+    """Whether all chunks up to IEND are there with correct CRCs."""
     position = 8
     while position + 12 <= len(data):
         (length,) = struct.unpack_from(">I", data, position)

@@ -20,7 +20,7 @@ _Point = TypeVar("_Point", bound=Any)
 
 @dataclass(frozen=True)
 class Rules:
-    """When a descent ends.
+    """Termination rules of an iterative minimisation.
 
     iterations : at most.
     tolerance, standstill : it ends at a step that promises to lower the cost by less than this share, or this amount.
@@ -53,7 +53,8 @@ def levenberg_marquardt(
     moved: Callable[[_Point, np.ndarray], _Point | None],
     rules: Rules,
 ) -> tuple[_Point, float, bool]:
-    """Descend to a least cost: the point, what its next step promises, and whether the iterations ran out before.
+    """Minimises a cost by Levenberg–Marquardt; returns the point, the decrease that its next step predicts, and
+    whether the iterations were exhausted.
 
     step : of a point and a damping, in units of the diagonal of the normal equations; and the decrease it promises.
     moved : the point a step further; None where there is none.
@@ -91,13 +92,13 @@ def solve_scaled(matrix: np.ndarray, right: np.ndarray, damping: float = 0.0) ->
 
 
 def view_products(rows: np.ndarray, bounds: np.ndarray) -> np.ndarray:
-    """(V, m, m) sums of products of rows (N, 2, m), view by view; view v has rows bounds[v] to bounds[v + 1]."""
+    """(V, m, m) per-view sums of products of rows (N, 2, m); view v has rows bounds[v] to bounds[v + 1]."""
     flat = [rows[first:last].reshape(-1, rows.shape[-1]) for first, last in pairwise(bounds)]
     return np.array([block.T @ block for block in flat])
 
 
 def schur_complement(total: np.ndarray, cross: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What is left of normal equations once each view's own unknowns are eliminated.
+    """The normal equations with each view's own unknowns eliminated.
 
     total : (m, m) of what all views share. own : (V, k, k) of the views' own. cross : (V, k, m) between them.
 
@@ -112,7 +113,7 @@ MIN_INFORMATION = 0.05
 
 
 def disagreement(information: np.ndarray, pull: np.ndarray, total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """χ² and degrees of freedom (G,) with which groups of residuals disagree with all the rest.
+    """χ² and degrees of freedom, both (G,), of the disagreement of groups of residuals with all the others.
 
     A group that belongs, with information S, pulls at the common solution with a force r of covariance S − S·H⁻¹·S,
     H the information of all. Only directions are counted in which it tells something.
@@ -136,14 +137,14 @@ def disagreement(information: np.ndarray, pull: np.ndarray, total: np.ndarray) -
 
 
 def disagreement_p(square: np.ndarray, freedom: np.ndarray) -> np.ndarray:
-    """(G,) probability that χ² is larger than what `disagreement` gives; 1 without degrees of freedom."""
+    """(G,) p-value of each χ² of `disagreement`; 1 without degrees of freedom."""
     from scipy.special import chdtrc  # slow to load
 
     return np.where(freedom > 0, chdtrc(np.maximum(freedom, 1), square), 1.0)
 
 
 def padded(rows: np.ndarray, bounds: np.ndarray) -> np.ndarray:
-    """(V, 2M, m) rows (N, 2, m) view by view, with rows of zeros behind those of views with fewer than M."""
+    """(V, 2M, m) rows (N, 2, m) by view, padded with rows of zeros where a view has fewer than M."""
     counts = np.diff(bounds)
     whole = np.zeros((len(counts), int(counts.max(initial=0)), *rows.shape[1:]))
     whole[np.arange(whole.shape[1]) < counts[:, None]] = rows
@@ -151,7 +152,7 @@ def padded(rows: np.ndarray, bounds: np.ndarray) -> np.ndarray:
 
 
 def without_own(shared: np.ndarray, own: np.ndarray, bounds: np.ndarray) -> np.ndarray:
-    """(V, 2M, m) columns (N, 2, m), `padded`, without what each view's own columns (N, 2, k) can explain.
+    """(V, 2M, m) columns (N, 2, m), `padded`, projected onto the complement of each view's own columns (N, 2, k).
 
     By orthogonal projection: a Schur complement of normal equations loses half the digits.
     """
@@ -160,7 +161,7 @@ def without_own(shared: np.ndarray, own: np.ndarray, bounds: np.ndarray) -> np.n
 
 
 class Loss(NamedTuple):
-    """A robust loss: of residuals (R,) each one's loss, and its weight on their squares."""
+    """A robust loss: the losses of residuals (R,), and the weights on their squares."""
 
     losses: Callable[[np.ndarray], np.ndarray]
     weights: Callable[[np.ndarray], np.ndarray]
@@ -172,8 +173,8 @@ SQUARES = Loss(lambda residuals: 0.5 * residuals**2, np.ones_like)
 
 
 class ScoreTest(NamedTuple):
-    """Extra parameters of a linearised problem, to first order: values (K,), covariance (K, K), and the logarithm of
-    the evidence (Bayes factor) for them against none."""
+    """First-order estimate of K extra parameters of a linearised problem: values (K,), covariance (K, K), and the
+    logarithm of the Bayes factor for them against none."""
 
     values: np.ndarray
     covariance: np.ndarray
@@ -188,7 +189,7 @@ class ScoreTest(NamedTuple):
 
     @property
     def chi_square(self) -> float:
-        """With K degrees of freedom where all are 0: twice the decrease of the cost."""
+        """Twice the decrease of the cost: χ² with K degrees of freedom where all parameters are 0."""
         return chi_square(self.values, self.covariance)
 
     @property
@@ -197,7 +198,8 @@ class ScoreTest(NamedTuple):
         return float(np.sqrt(self.chi_square))
 
     def clear(self, least_std: float) -> np.ndarray:
-        """(K,) the values along the directions in which they exceed so many standard deviations, in units of scale."""
+        """(K,) the values reduced to the directions in which they exceed `least_std` standard deviations, in units
+        of scale."""
         scale = np.broadcast_to(np.asarray(self.scale, float), self.values.shape)
         variances, axes = np.linalg.eigh(self.covariance / np.outer(scale, scale))
         along = axes.T @ (self.values / scale)
@@ -227,8 +229,9 @@ def score_test(
 
 
 def products(jacobian: np.ndarray, residuals: np.ndarray, nuisance: np.ndarray | None = None) -> np.ndarray:
-    """(P + 1, P + 1) of whitened derivatives (N, P) and residuals (N,), observed less predicted, with themselves; two
-    sets of data add up. nuisance : (N, K) by unknowns of these data alone, each 0 ± 1, which are marginalised."""
+    """(P + 1, P + 1) products of whitened derivatives (N, P) and residuals (N,), observed less predicted; those of
+    two sets of data add up. nuisance : (N, K) derivatives by unknowns of these data alone, each with prior 0 ± 1,
+    which are marginalised."""
     both = np.column_stack([jacobian, residuals])
     whole = both.T @ both
     if nuisance is None or not nuisance.any():
@@ -264,7 +267,7 @@ def change_test(
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """A dense problem at its parameters: residuals of what was measured, then of priors.
+    """A dense least-squares problem linearised at its parameters: residuals of the data, then of the priors.
 
     parameters : (P,). residuals : (R,) in units of the loss. jacobian : (R, P) of them.
     certain : how many of the residuals, the last ones, are priors': they are never weighed down.
@@ -280,13 +283,13 @@ class Linearised:
 
     @property
     def weights(self) -> np.ndarray:
-        """(R,) factors on residuals and Jacobian that make least squares of the robust cost."""
+        """(R,) factors on residuals and Jacobian that turn the robust cost into least squares."""
         measured = len(self.residuals) - self.certain
         return np.concatenate([np.sqrt(self.loss.weights(self.residuals[:measured])), np.ones(self.certain)])
 
     @property
     def cost(self) -> float:
-        """What is minimised: the loss of what was measured, half the squares of the priors."""
+        """The cost: the robust loss of the data residuals plus half the squares of the priors'."""
         measured = len(self.residuals) - self.certain
         prior = self.residuals[measured:]
         return float(self.loss.losses(self.residuals[:measured]).sum()) + 0.5 * float(prior @ prior)
@@ -296,7 +299,8 @@ class Linearised:
         return bool(np.isfinite(self.residuals).all() and np.isfinite(self.jacobian).all())
 
     def normal_equations(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Reweighted information and slope, and the scale that was taken out of both: units differ greatly."""
+        """Reweighted information and gradient, and the scale that was divided out of both, since units differ
+        greatly."""
         weights = self.weights
         weighted = self.jacobian * weights[:, None]
         scale = np.linalg.norm(weighted, axis=0)
@@ -305,14 +309,14 @@ class Linearised:
         return weighted.T @ weighted, weighted.T @ (self.residuals * weights), scale
 
     def covariance_root(self) -> np.ndarray:
-        """(P, P) that times its transpose is the covariance."""
+        """Square root R (P, P) of the covariance: R·Rᵀ."""
         weighted = self.jacobian * self.weights[:, None]
         scale = np.linalg.norm(weighted, axis=0)
         _, factor = np.linalg.qr(weighted / scale)
         return np.asarray(np.linalg.inv(factor) / scale[:, None])
 
     def covariance(self) -> np.ndarray:
-        """(P, P) inverse of the information, by the rows' triangular factor: no variance comes out negative."""
+        """(P, P) inverse of the information, by QR of the rows, so that no variance is negative."""
         root = self.covariance_root()
         return root @ root.T
 
@@ -338,7 +342,7 @@ class Linearised:
         return score_test(left.T @ left, -left.T @ residuals, prior_std)
 
     def without(self, rows: np.ndarray) -> Linearised:
-        """The problem without the rows (R,) that are true, at its least cost to first order."""
+        """The problem without the rows that are True in `rows` (R,), at its minimum to first order."""
         left = ~rows
         certain = int(left[len(rows) - self.certain :].sum())
         rest = replace(self, residuals=self.residuals[left], jacobian=self.jacobian[left], certain=certain)
@@ -346,14 +350,14 @@ class Linearised:
         return replace(rest, parameters=rest.parameters + step, residuals=rest.residuals + rest.jacobian @ step)
 
     def with_rows(self, jacobian: np.ndarray) -> Linearised:
-        """The problem with further observations of Jacobian (N, P), in units of their standard deviations, which fit:
-        its covariance is what they would tell."""
+        """The problem with further, perfectly fitting observations of Jacobian (N, P), in units of their standard
+        deviations: for the covariance that they would give."""
         rows = np.vstack([jacobian, self.jacobian * self.weights[:, None]])
         residuals = np.concatenate([np.zeros(len(jacobian)), self.residuals * self.weights])
         return replace(self, jacobian=rows, residuals=residuals, certain=len(rows))
 
     def step(self, damping: float, at_end: bool | np.ndarray = False) -> tuple[np.ndarray, float]:
-        """(P,) damped step, and the decrease that an undamped one promises.
+        """(P,) damped step, and the decrease that an undamped step predicts.
 
         at_end : (P,) which parameters are at their upper end; those that would go further stay.
         """
@@ -379,7 +383,8 @@ def minimise(
     rules: Rules,
     upper: float | np.ndarray = np.inf,
 ) -> tuple[Linearised, float, bool]:
-    """Least robust cost of a dense problem, by reweighted steps, as `levenberg_marquardt` gives it.
+    """Minimises the robust cost of a dense problem by reweighted damped steps, with the results of
+    `levenberg_marquardt`.
 
     evaluate : the problem at parameters (P,); None where it has no residuals there.
     upper : (P,) upper ends of the parameters.

@@ -1,7 +1,7 @@
-"""What a file may hold, as pydantic models and dataclasses, and one clear line for what it may not hold.
+"""Files as pydantic models and dataclasses, and one clear line for what they may not contain.
 
-Dataclasses give the bounds of their fields as annotations. A model of ours checks them where they come from a file;
-code may build them without.
+Dataclasses have the bounds of their fields as annotations. A model of ours checks these when it reads a file; code may
+build the dataclasses without.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ WholeNumber = Annotated[int, Strict()]
 
 
 class ReadAs:
-    """Annotation of a value that is made from what stands in the file, which is of another type."""
+    """Annotation of a value that is made from a value of another type in the file."""
 
     def __init__(self, written: Any, made: Callable[[Any], Any]) -> None:
         self.written, self.made = written, made
@@ -49,7 +49,7 @@ class ReadAs:
 
 
 class ArrayOf(ReadAs):
-    """Annotation of an array that a file gives as nested lists of finite numbers."""
+    """Annotation of an array that a file has as nested lists of finite numbers."""
 
     def __init__(self, *shape: int, ge: float | None = None, le: float | None = None) -> None:
         nested: Any = Annotated[Number, Field(ge=ge, le=le)]
@@ -59,7 +59,7 @@ class ArrayOf(ReadAs):
 
 
 class FileModel(BaseModel):
-    """The top of a file. Further keys are let through, unless they can only be a misspelt one of ours.
+    """The top level of a file. Unknown keys are ignored, unless they can only be a misspelt one of ours.
 
     With the configuration of a subclass goes what becomes of unknown keys further down.
     """
@@ -87,7 +87,7 @@ class _Schema(GenerateJsonSchema):
 
 
 def json_schema(model: type[BaseModel], title: str) -> dict[str, Any]:
-    """The JSON Schema of a model, to be published."""
+    """The published JSON Schema of a model."""
     published = model.model_json_schema(schema_generator=_Schema)
     return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | published | {"title": title}
 
@@ -118,7 +118,7 @@ def _adapter(model: Any) -> TypeAdapter[Any]:
 
 @cache
 def _bounds(model: Any) -> Mapping[str, Any]:
-    """JSON Schema of a model; it takes longer than to check a file."""
+    """JSON Schema of a model, cached, because it takes longer than to check a file."""
     return _adapter(model).json_schema()
 
 
@@ -129,7 +129,8 @@ def refusal(
     key: str = "",
     schema: Callable[[], Mapping[str, Any]] = dict,
 ) -> InputError:
-    """One line for the first thing that a ValueError, pydantic's or another, found wrong; `schema` adds the bounds."""
+    """The error, one line, for the first thing that a ValueError, pydantic's or another, found wrong. schema : adds
+    the bounds."""
     if not isinstance(error, ValidationError):
         return _from_value_error(error, where, remedy, key)
     first = _first(error)
@@ -165,12 +166,14 @@ def _dotted(key: str, loc: Sequence[int | str]) -> str:
 
 
 def _keys_of(loc: Sequence[int | str]) -> list[int | str]:
-    """The place in a file: without the tags, such as <AprilGrid>, of the kinds of a thing that it was read as."""
+    """The keys of a place in a file, without the tags, such as <AprilGrid>, of the alternative types that were
+    tried."""
     return [part for part in loc if not str(part).startswith("<")]
 
 
 def _with_line(where: object, data: Any, loc: Sequence[int | str]) -> object:
-    """With the line of a place in the data, where they are what a YAML file holds, whole or under `board`."""
+    """The file's name with the line of a value, where the data are what a YAML file contains, whole or under
+    `board`."""
     if not isinstance(where, Path) or where.suffix not in (".yaml", ".yml"):
         return where
     try:
@@ -185,7 +188,7 @@ def _with_line(where: object, data: Any, loc: Sequence[int | str]) -> object:
 
 
 def _from_value_error(error: ValueError, where: object, remedy: str | None, name: str) -> InputError:
-    """Validators of ours raise ValueError(clause), or ValueError(predicate, remedy[, key inside what it checks])."""
+    """The error for a validator's ValueError(clause), or ValueError(predicate, remedy[, key inside what it checks])."""
     what, better, inner = (*error.args, None, None)[:3]
     name = ".".join(filter(None, (name, inner)))
     between = "" if not name else ": " if better is None else " "
@@ -197,7 +200,7 @@ def _meant(key: object, known: Iterable[str]) -> str | None:
 
 
 def _at(whole: Mapping[str, Any], part: Mapping[str, Any], loc: tuple[int | str, ...]) -> Mapping[str, Any]:
-    """The part of a JSON Schema at a place of the data; empty where it says nothing."""
+    """The part of a JSON Schema for the value at a place of the data; empty where there is none."""
     if "$ref" in part:
         return _at(whole, whole["$defs"][part["$ref"].rpartition("/")[2]], loc)
     if "anyOf" in part and "properties" not in part:  # of ours always something or null
@@ -243,7 +246,7 @@ def _wanted(error: ErrorDetails, part: Mapping[str, Any]) -> str:
 
 
 def _not_finite(data: Any, loc: tuple[int | str, ...] = ()) -> tuple[int | str, ...] | None:
-    """Where the first number stands that is not one; a whole number may be too large for a float."""
+    """Place of the first number that is not finite; a whole number may be too large for a float."""
     if isinstance(data, float | int):
         return None if abs(data) <= sys.float_info.max else loc
     items = data.items() if isinstance(data, Mapping) else enumerate(data) if isinstance(data, list) else ()

@@ -10,7 +10,7 @@ from vbaa_calib.native import core
 
 
 def arc_lengths(polyline: np.ndarray) -> np.ndarray:
-    """(K,) distance of the points of a polyline (K, D) along it, from its start."""
+    """(K,) arc lengths of the points of a polyline (K, D), from its start."""
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(polyline, axis=0), axis=1))])
 
 

@@ -17,12 +17,12 @@ HUBER = 2.5
 
 
 def finite_or_none(value: float) -> float | None:
-    """A number for JSON, which has neither NaN nor infinity."""
+    """A number for JSON, which has neither NaN nor infinity: None in their place."""
     return float(value) if np.isfinite(value) else None
 
 
 def finite_median(values: np.ndarray) -> float:
-    """Median of those of the values (...) that are finite; NaN if none is."""
+    """Median of the finite values among (...); NaN without any."""
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else np.nan
 
@@ -33,7 +33,7 @@ def mad_std(residuals: np.ndarray) -> float:
 
 
 def radial_std(distances: np.ndarray) -> float:
-    """Standard deviation per axis of plane normal vectors of these lengths (N,), from their median."""
+    """Standard deviation per axis of isotropic normal vectors in a plane with these lengths (N,), from their median."""
     # median length of a normal vector in the plane, in standard deviations per axis
     return float(np.median(distances)) / 1.1774
 
@@ -47,7 +47,7 @@ def huber_losses(residuals: Array) -> Array:
 
 
 def huber_weights(residuals: Array) -> Array:
-    """Weights (...) on squared whitened residuals (...) that make least squares of Huber's loss (IRLS).
+    """Weights (...) on squared whitened residuals (...) for iteratively reweighted least squares with Huber's loss.
 
     Refreshed at every step they keep every point in it. SciPy's robust solver leaves out those that count linearly, far
     from the solution most of them; it then takes three to eight times as many steps, or does not arrive.
@@ -73,7 +73,7 @@ def chi_square(errors: np.ndarray, covariance: np.ndarray) -> float:
 
 
 def chi_square_p(square: float, freedom: int) -> float:
-    """Chance that a chi-squared number with so many degrees of freedom is larger than this.
+    """p-value of χ²: the probability that a χ² variable with `freedom` degrees of freedom is larger than `square`.
 
     By its finite sum: SciPy's functions take longer to load than a contact to find.
     """

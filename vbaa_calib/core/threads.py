@@ -1,4 +1,4 @@
-"""Work on several processors, for functions of the core that release the interpreter's lock."""
+"""Threads for functions of the core that release the interpreter's lock."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def cores() -> int:
 
 
 def in_threads(work: Callable[[int, int], None], count: int, jobs: int) -> None:
-    """Call `work(begin, end)` on pieces of a range in so many threads."""
+    """Call `work(begin, end)` on pieces of range(count) in `jobs` threads."""
     if jobs <= 1 or count <= _PIECE:
         work(0, count)
         return

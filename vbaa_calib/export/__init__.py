@@ -1,1 +1,1 @@
-"""The antenna as calibrated, for other programs that simulate it."""
+"""The calibrated antenna, for other programs that simulate it."""

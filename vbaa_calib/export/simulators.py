@@ -1,7 +1,7 @@
-"""The antenna as calibrated, written for simulators: a chain of rigid pieces and springs, or a Cosserat rod.
+"""The calibrated antenna, written for simulators: a chain of rigid pieces and springs, or a Cosserat rod.
 
-A chain's hinges stand in the middle of N equal parts of the rod, each as stiff as its part: deflections are off by
-1/(4N²) of themselves.
+A chain's hinges are in the middle of N equal parts of the rod, each as stiff as its part: the relative error of
+deflections is 1/(4N²).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from vbaa_calib.rig.parts import kinematics_to_dict
 
 @dataclass(frozen=True)
 class _ExportSettings:
-    """What an exported antenna has that the calibration does not measure."""
+    """Properties of an exported antenna that the calibration does not measure."""
 
     segments: int = 40  # parts of the antenna: tips are off by 1/(4N²) of their deflection
     most_segments: int = 200  # bodies within each other
@@ -39,7 +39,7 @@ class _ExportSettings:
 
 @dataclass(frozen=True, eq=False)
 class _Chain:
-    """A rod as rigid pieces with hinges between them, for as much as joints and springs can hold of it.
+    """A rod as rigid pieces with spring hinges between them.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class _Chain:
 
 
 def _parts(rod: Rod, ends_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """EI, N·m², that gives the bend of each part between N + 1 ends, and its mass per length, kg/m."""
+    """EI, N·m², that reproduces the bend of each part between N + 1 ends, and the part's mass per length, kg/m."""
     share = (np.arange(_ExportSettings.samples) + 0.5) / _ExportSettings.samples
     place = (ends_m[:-1, None] + np.diff(ends_m)[:, None] * share) / rod.length_m
     stiffness = 1.0 / (1.0 / rod.taper.stiffness(place)).mean(axis=1)
@@ -68,7 +68,8 @@ def _parts(rod: Rod, ends_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _chain_of(rig: Rig, segments: int) -> _Chain:
-    """The chain of an antenna, the clamp's give in its first hinge. Raises InputError for segments that cannot be."""
+    """The chain of an antenna, with the clamp's compliance in its first hinge. Raises InputError for an impossible
+    number of segments."""
     most = _ExportSettings.most_segments
     if isinstance(segments, bool) or not isinstance(segments, int) or not 3 <= segments <= most:
         raise InputError(f"segments are {quoted(segments)}", remedy=f"give a whole number, 3 to {most}")
@@ -104,7 +105,7 @@ def _placed(pose: Pose) -> dict[str, str]:
 
 
 def _inertia(mass_kg: float, length_m: float, radius_m: float) -> np.ndarray:
-    """(3,) about the axes of a cylinder along x."""
+    """(3,) moments of inertia of a cylinder along x about its axes."""
     across = mass_kg * (3.0 * radius_m**2 + length_m**2) / 12.0
     return np.array([0.5 * mass_kg * radius_m**2, across, across])
 
@@ -119,8 +120,8 @@ def _as_xml(root: Xml.Element) -> str:
 
 
 def _hinges(chain: _Chain) -> list[tuple[Pose, list[tuple[str, str, float]]]]:
-    """Hinges of the chain, per place: pose of the piece beyond in the one before; name, axis and stiffness of its
-    joints."""
+    """Hinges of the chain, per place: the pose of the next piece in the previous one; name, axis and stiffness of
+    its joints."""
     found = []
     for number, bend in enumerate(chain.bend_rad):
         pose = Pose.from_rotvec(np.array([0.0, *bend]), np.array([chain.lengths_m[number], 0.0, 0.0]))
@@ -130,7 +131,7 @@ def _hinges(chain: _Chain) -> list[tuple[Pose, list[tuple[str, str, float]]]]:
 
 
 def _tilt_in_pan(joints: Kinematics) -> Pose:
-    """Pose of the tilt joint in the pan link's frame; its zero is a turn about its own axis, y."""
+    """Pose of the tilt joint in the pan link's frame; its zero is a rotation about its own axis, y."""
     skew = Pose.from_rotvec(np.array([joints.axis_skew_rad, 0.0, 0.0]), np.array([joints.axis_offset_m, 0.0, 0.0]))
     return skew @ Pose.from_rotvec(np.array([0.0, -joints.tilt_zero_rad, 0.0]), np.zeros(3))
 
@@ -164,7 +165,8 @@ def _add_chain(base: Xml.Element, chain: _Chain, rig: Rig) -> None:
 
 
 def _mujoco(rig: Rig, segments: int) -> str:
-    """MJCF, which Newton reads, too: joints with servos, camera, moment sensor, and the antenna as a chain."""
+    """An MJCF document, which Newton reads, too: joints with servos, camera, moment sensor, and the antenna as a
+    chain."""
     chain, joints, camera = _chain_of(rig, segments), rig.kinematics, rig.camera
     root = Xml.Element("mujoco", model="antenna")
     root.append(Xml.Comment(" SI units. Servos, attachment and damping are not measured: change them as you like. "))
@@ -206,7 +208,7 @@ def _mujoco(rig: Rig, segments: int) -> str:
 
 
 def _urdf(rig: Rig, segments: int) -> str:
-    """URDF with the springs in Gazebo's elements: URDF itself has none, nor gravity or moment sensors."""
+    """A URDF document with the springs in Gazebo's elements: URDF itself has no springs, gravity or moment sensors."""
     chain, joints = _chain_of(rig, segments), rig.kinematics
     root = Xml.Element("robot", name="antenna")
 
@@ -302,7 +304,7 @@ def _json(rig: Rig, segments: int) -> str:
 
 
 def _pyelastica(rig: Rig, segments: int) -> str:
-    """A Python file with the rod's numbers, and how PyElastica is to build it."""
+    """A Python file with the rod's numbers, and the code that builds it in PyElastica."""
     if rig.antenna.taper:
         raise InputError("the antenna is not uniform", where="pyelastica", remedy="export to mujoco, urdf-beam or json")
     numbers, turn = _numbers(rig, segments), rig.kinematics.T_world_antenna(0.0, 0.0).rotation
@@ -328,7 +330,7 @@ EXPORTS: dict[str, tuple[Callable[[Rig, int], str], str, str]] = {
 def export(
     rig: Rig, to: str, output: str | Path, *, segments: int = _ExportSettings.segments, force: bool = False
 ) -> None:
-    """Write the antenna as solved for a simulator.
+    """Write the solved antenna for a simulator.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Covariances: whether a matrix is one, independent axes, the worst direction, conditioning."""
+"""Covariance matrices: validity, independent axes, the worst direction, conditioning."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import numpy as np
 
 
 def independent_axes(covariance: np.ndarray) -> np.ndarray:
-    """A (P, P) with A·Aᵀ the covariance (P, P): steps along its columns are independent, of unit deviation.
+    """A matrix A (P, P) with A·Aᵀ equal to the covariance (P, P): steps along its columns are independent, one
+    standard deviation long.
 
     The covariance may be singular: what is known exactly has a row of zeros, and what rounding left below zero.
     """
@@ -17,8 +18,8 @@ def independent_axes(covariance: np.ndarray) -> np.ndarray:
 
 
 def conditioned(covariance: np.ndarray, first: int) -> tuple[np.ndarray, np.ndarray]:
-    """Slopes (P − F, F) of numbers on the first F that are jointly normal with them, and what these leave open (P −
-    F,), standard deviations. covariance : (P, P), of the first not singular.
+    """Conditional normal distribution of the last P − F numbers on the first F: regression coefficients (P − F, F)
+    and conditional standard deviations (P − F,). covariance : (P, P), not singular for the first F.
 
     By a triangular factor: the difference of two covariances that are nearly the same may be negative.
     """

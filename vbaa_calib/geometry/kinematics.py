@@ -19,8 +19,8 @@ _STEP = 1e-5  # finite-difference step of skew, offset and zero, rad or m
 
 @gate
 def rotation_world_antenna(pan_rad: ArrayLike, tilt_rad: ArrayLike, axis_skew_rad: float = 0.0) -> np.ndarray:
-    """R_world_antenna = Rz(pan)·Rx(skew)·Ry(−tilt), (..., 3, 3) for angles (...). Without skew Eq. (22) with its third
-    column mended.
+    """R_world_antenna = Rz(pan)·Rx(skew)·Ry(−tilt), (..., 3, 3) for angles (...). Without skew it is Eq. (22) with
+    the misprint in its third column corrected.
 
     As printed that column is (−sinθ, 0, cosθ), which is a rotation only for pan = 0.
     """
@@ -55,7 +55,8 @@ def _panned_x(pan_rad: np.ndarray) -> np.ndarray:
 def _central_differences(
     ends: Iterable[Iterable[tuple[np.ndarray, np.ndarray]]],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives of rotations (K, B, 3, 3) and translations (K, B, 3) from what they are a `_STEP` below and above."""
+    """Derivatives of rotations (K, B, 3, 3) and translations (K, B, 3) from their values at one `_STEP` below and
+    above."""
     moved = [[(up - down) / (2 * _STEP) for down, up in zip(*each, strict=True)] for each in ends]
     rotations, translations = zip(*moved, strict=True)
     return np.stack(rotations), np.stack(translations)
@@ -64,7 +65,7 @@ def _central_differences(
 @gate
 @dataclass(frozen=True, eq=False)
 class Kinematics:
-    """Where the joints carry the antenna frame. Eqs. (19) and (21), and what a real pair of axes adds to them.
+    """Pose of the antenna frame by the joint angles: Eqs. (19) and (21), with skew and offset of the two axes.
 
     T_world_actuator = Trans(position)·Rz(pan)·Trans(offset along x)·Rx(skew)·Ry(−(tilt + tilt zero)). The pan axis is
     the world's z through `position_world_m`. The panned x axis is the common perpendicular of the two axes; its foot
@@ -117,7 +118,7 @@ class Kinematics:
 
     @lru_cache(maxsize=64)  # noqa: B019 -- a stream asks several times for the same picture's
     def _once(self, pan: bytes, tilt: bytes, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-        """The same of one reading, in arrays of that shape; by its bytes, as −0 equals 0."""
+        """Rotation and translation at one reading, repeated to that shape; cached by its bytes, as −0 equals 0."""
         found = self._carried(*(np.frombuffer(each).reshape(shape) for each in (pan, tilt)))
         for each in found:
             each.flags.writeable = False
@@ -132,7 +133,7 @@ class Kinematics:
         return turn @ mount.rotation, turn @ mount.translation_m + origin
 
     def by_joints(self, pan_rad: np.ndarray, tilt_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How `world_antenna` moves with pan and tilt: rotations (2, B, 3, 3), translations (2, B, 3)."""
+        """Derivatives of `world_antenna` by pan and tilt: rotations (2, B, 3, 3), translations (2, B, 3)."""
         panned = (self.world_antenna(pan_rad + step, tilt_rad) for step in (-_STEP, _STEP))
         tilted = (self.world_antenna(pan_rad, tilt_rad + step) for step in (-_STEP, _STEP))
         return _central_differences([panned, tilted])
@@ -143,11 +144,12 @@ class Kinematics:
         return not (self.axes_std.any() or self.axes_by_pose.any())
 
     def by_axes(self, pan_rad: np.ndarray, tilt_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How `world_antenna` moves with skew, offset and tilt zero: rotations (3, B, 3, 3), translations (3, B, 3)."""
+        """Derivatives of `world_antenna` by skew, offset and tilt zero: rotations (3, B, 3, 3), translations (3, B,
+        3)."""
         return _central_differences([one.world_antenna(pan_rad, tilt_rad) for one in pair] for pair in self._stepped)
 
     @cached_property
     def _stepped(self) -> list[list[Kinematics]]:
-        """A step of skew, offset and tilt zero below and above."""
+        """The kinematics with skew, offset and tilt zero one difference step below and above."""
         names = ("axis_skew_rad", "axis_offset_m", "tilt_zero_rad")
         return [[replace(self, **{name: getattr(self, name) + step}) for step in (-_STEP, _STEP)] for name in names]

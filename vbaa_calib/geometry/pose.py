@@ -29,25 +29,25 @@ class Pose:
 
     @staticmethod
     def identity() -> Pose:
-        """The pose that changes nothing."""
+        """The identity pose."""
         return Pose(np.eye(3), np.zeros(3))
 
     @staticmethod
     def from_rotvec(rotvec_rad: np.ndarray, translation_m: np.ndarray) -> Pose:
-        """From a rotation vector (3,) rad and a translation (3,) m."""
+        """The pose of a rotation vector (3,) rad and a translation (3,) m."""
         turn, shift = (np.ravel(as_floats(each, "a pose", "give (3,) of both")) for each in (rotvec_rad, translation_m))
         return Pose(_rotation_about(of_shape(turn, (3,), "rotvec_rad")), shift)
 
     @staticmethod
     def from_quaternion(xyzw: np.ndarray, translation_m: np.ndarray) -> Pose:
-        """From a quaternion (4,) x, y, z, w of any length but 0, and a translation (3,) m."""
+        """The pose of a quaternion (4,) x, y, z, w of any length but 0, and a translation (3,) m."""
         x, y, z, w = (of_shape(xyzw, (4,), "a quaternion") / math.hypot(*xyzw)).tolist()
         return Pose(_rotation_of(x, y, z, w), translation_m)
 
     @staticmethod
     @gate
     def from_dict(data: Mapping[str, Any]) -> Pose:
-        """From {"translation_m": [x, y, z], "rotation_xyzw": [x, y, z, w]}, the layout of all our files."""
+        """The pose in {"translation_m": [x, y, z], "rotation_xyzw": [x, y, z, w]}, the layout of all our files."""
         for key in ("rotation_xyzw", "translation_m"):
             if key not in data:
                 raise InputError(f"the pose has no {key}", remedy="give what to_dict makes")
@@ -57,7 +57,7 @@ class Pose:
         return Pose.from_quaternion(turn, of_shape(data["translation_m"], (3,), "translation_m"))
 
     def to_dict(self) -> dict[str, list[float]]:
-        """{"translation_m": [x, y, z], "rotation_xyzw": [x, y, z, w]}, w >= 0."""
+        """The mapping {"translation_m": [x, y, z], "rotation_xyzw": [x, y, z, w]}, w >= 0."""
         return {"translation_m": self.translation_m.tolist(), "rotation_xyzw": list(_quaternion_of(self.rotation))}
 
     @property
@@ -80,7 +80,7 @@ class Pose:
         return Pose(self.rotation.T, -self.rotation.T @ self.translation_m)
 
     def retract(self, tangent: np.ndarray) -> Pose:
-        """Moved by a small step in frame a: tangent (6,) = rotation vector rad, then translation m.
+        """The pose moved by a small step in frame a: tangent (6,) = rotation vector rad, then translation m.
 
         The rotation turns about the origin of frame b, so the two halves do not mix.
         """
@@ -89,7 +89,7 @@ class Pose:
 
     @gate
     def tangent_from(self, other: Pose) -> np.ndarray:
-        """(6,) the step of `retract` that leads here from another pose between the same frames."""
+        """(6,) tangent with which `other.retract` gives this pose."""
         turn = _rotvec_of(self.rotation @ other.rotation.T)
         return np.concatenate([turn, self.translation_m - other.translation_m])
 
@@ -107,7 +107,7 @@ class Pose:
 
 
 def _rotation_about(rotvec_rad: np.ndarray) -> np.ndarray:
-    """(3, 3) of a rotation vector (3,); NaN where it is not finite."""
+    """(3, 3) rotation of a rotation vector (3,); NaN where that is not finite."""
     x, y, z = rotvec_rad.tolist()
     angle = math.hypot(x, y, z)
     if not angle < math.inf:
@@ -117,7 +117,7 @@ def _rotation_about(rotvec_rad: np.ndarray) -> np.ndarray:
 
 
 def _rotation_of(x: float, y: float, z: float, w: float) -> np.ndarray:
-    """(3, 3) of a unit quaternion."""
+    """(3, 3) rotation of a unit quaternion."""
     xx, yy, zz, ww, xy, xz, yz, xw, yw, zw = x * x, y * y, z * z, w * w, x * y, x * z, y * z, x * w, y * w, z * w
     return np.array(
         [

@@ -14,7 +14,7 @@ from typing import Any
 
 
 def _levels() -> tuple[str, ...]:
-    """Builds that are here and that this processor runs, the best one last."""
+    """The builds that exist and that this processor can run, the best one last."""
     every = ("base", "v3", "v4")
     runs = every[: 1 + every.index(import_module(f"{__name__}.processor").LEVEL)]
     return tuple(level for level in runs if os.path.isdir(os.path.join(__path__[0], level)))

@@ -23,7 +23,7 @@ LOG = TOOLS / "log.txt"
 
 
 def main() -> None:
-    """Build and install, with a line before and one after."""
+    """Build and install, printing a line before and one after."""
     begin = time.perf_counter()
     TOOLS.mkdir(exist_ok=True)
     LOG.write_text("")
@@ -72,7 +72,7 @@ def _pip(*words: object, **variables: str) -> None:
 
 
 def _compiles(compiler: str) -> bool:
-    """Whether it is there and makes modules of C++17."""
+    """Whether the compiler exists and builds a C++17 module."""
     source = "#include <vector>\nusing V = double __attribute__((vector_size(64)));\nstd::vector<double> v;\n"
     command = [compiler, "-std=c++17", "-shared", "-fPIC", "-x", "c++", "-", "-o", str(TOOLS / "trial.so")]
     try:
@@ -82,7 +82,7 @@ def _compiles(compiler: str) -> bool:
 
 
 def _version(tool: str) -> tuple[int, ...]:
-    """Of a tool of this machine; () where it has none."""
+    """Version of a tool of this machine; () where it is missing."""
     if not shutil.which(tool):
         return ()
     words = subprocess.run([tool, "--version"], capture_output=True, text=True, check=False).stdout
@@ -90,7 +90,7 @@ def _version(tool: str) -> tuple[int, ...]:
 
 
 def _zig(arguments: str) -> dict[str, str]:
-    """Variables that make CMake use zig, through scripts with the names of its tools."""
+    """Environment variables that make CMake use zig, through scripts with the names of its tools."""
     folder = TOOLS / "bin"
     for name in ("c++", "cc", "ar", "ranlib"):
         script = folder / f"zig-{name}"

@@ -1,4 +1,4 @@
-"""Everything that is known about one rig, and how well: rig.json."""
+"""A calibrated rig and its uncertainty: rig.json."""
 
 from vbaa_calib.session import MomentSensor
 

@@ -1,4 +1,5 @@
-"""One rig calibrated again and again: does each parameter stay, scatter by more than is stated, or drift?"""
+"""Repeated calibrations of one rig: for each parameter, whether it is constant, scatters more than its stated
+uncertainty, or drifts."""
 
 from __future__ import annotations
 
@@ -17,7 +18,7 @@ FEWEST_FOR_TREND = 4
 
 @dataclass(frozen=True, eq=False)
 class OverTime:
-    """P parameters of a rig over N calibrations."""
+    """P parameters of a rig in N calibrations."""
 
     names: tuple[str, ...]  # the lens' where all calibrations have the same model
     days: np.ndarray  # (N,) since the first calibration
@@ -33,7 +34,8 @@ class OverTime:
 
 
 def over_time(rigs: Sequence[Rig], days: Sequence[float]) -> OverTime:
-    """Two calibrations or more, in the order of their days since the first. Exact parameters stand as they are."""
+    """Comparison of two or more calibrations, in order of their days since the first. Exact parameters count as they
+    are."""
     steps = [rig.step_from(rigs[0]) for rig in rigs]
     size = min(map(len, steps))
     values = np.array([step[:size] for step in steps])
@@ -65,12 +67,12 @@ def over_time(rigs: Sequence[Rig], days: Sequence[float]) -> OverTime:
 
 
 def parameter_std(rig: Rig) -> np.ndarray:
-    """(17 + P,) standard deviations of the rig's parameters and the lens'; 0 for what counts as exact."""
+    """(17 + P,) standard deviations of the rig's parameters and the lens's; 0 for exact ones."""
     return np.sqrt(np.diag(rig.joint_covariance))
 
 
 def _misfit(x: np.ndarray, std: np.ndarray, columns: np.ndarray) -> tuple[float, np.ndarray]:
-    """χ² about the best combination of columns (N, K), and its leverages (N,)."""
+    """χ² about the best linear combination of columns (N, K), and its leverages (N,)."""
     scaled = columns / std[:, None]
     basis, _ = np.linalg.qr(scaled)
     rest = x / std - basis @ (basis.T @ (x / std))
@@ -78,7 +80,7 @@ def _misfit(x: np.ndarray, std: np.ndarray, columns: np.ndarray) -> tuple[float,
 
 
 def _fitted(x: np.ndarray, std: np.ndarray, columns: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-    """What goes on between calibrations, as a standard deviation (DerSimonian and Laird), and with it the best
+    """Standard deviation of the changes between calibrations (DerSimonian and Laird), and with it the best
     coefficients (K,) of the columns and their standard deviations (K,)."""
     chi_square, leverage = _misfit(x, std, columns)
     weight = std**-2

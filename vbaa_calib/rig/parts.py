@@ -1,4 +1,4 @@
-"""The parts of a rig, and how rig.json writes them."""
+"""The parts of a rig, and their entries in rig.json."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ JOINT_AXES = ("axis_skew_rad", "axis_offset_m", "tilt_zero_rad")
 
 @dataclass(frozen=True, eq=False)
 class Tip:
-    """Where the antenna's visible end lies.
+    """Position of the antenna's visible end.
 
     offset_m : how far beyond `length_m` along the antenna. std_m : its standard deviation.
     covariance : (17 + P + W,) with the parameters of the rig's joint covariance, and of its wrench sensor.
@@ -48,7 +48,7 @@ class Tip:
         object.__setattr__(self, "covariance", fixed(self.covariance, size, "covariance of the tip", finite=False))
 
     def joint_with(self, covariance: np.ndarray) -> np.ndarray:
-        """(18 + P + W, …) the rig's covariance (17 + P + W, …) with the offset as its last parameter."""
+        """(18 + P + W, …) the rig's covariance (17 + P + W, …) with the tip's offset as its last parameter."""
         across = self.covariance[:, None]
         return np.block([[covariance, across], [across.T, np.array([[self.std_m**2]])]])
 
@@ -59,8 +59,9 @@ class Tip:
 
 @dataclass(frozen=True, eq=False)
 class Antenna:
-    """The antenna as calibrated: `parameters` (9,) in the order of `antenna.shape.PARAMETERS`. Diameter, EI and mass
-    per length are the clamp's; `profile`, m, and `stiffness_profile`, in any unit, say how they change along it."""
+    """The calibrated antenna: `parameters` (9,) in the order of `antenna.shape.PARAMETERS`. Diameter, EI and mass
+    per length are those at the clamp; `profile`, m, and `stiffness_profile`, in any unit, describe their change
+    along the antenna."""
 
     length_m: float
     diameter_m: float
@@ -69,7 +70,8 @@ class Antenna:
     stiffness_profile: Profile | None = None
 
     def __post_init__(self) -> None:
-        """Raises InputError for lengths that are not positive, parameters that are no numbers, and no profile."""
+        """Raises InputError for lengths that are not positive, parameters that are not numbers, and invalid
+        profiles."""
         for name in ("length_m", "diameter_m"):
             if not 0.0 < as_float(getattr(self, name), name, "give metres") < np.inf:
                 raise InputError(f"{name} of the antenna is {getattr(self, name)}", remedy="give metres, more than 0")
@@ -79,16 +81,16 @@ class Antenna:
 
     @cached_property
     def taper(self) -> Taper:
-        """How the antenna changes from its clamp to its tip."""
+        """The antenna's taper from clamp to tip."""
         return Taper.of(self.profile, self.stiffness_profile, self.length_m)
 
     def radius_at(self, distance_m: np.ndarray) -> np.ndarray:
-        """Half its diameter at arc lengths."""
+        """Half the diameter at arc lengths."""
         return 0.5 * self.diameter_m * self.taper.diameter(distance_m / self.length_m)
 
     @property
     def thickness(self) -> str:
-        """Its diameter in words."""
+        """The diameter in words."""
         thick, thin = 2e3 * self.radius_at(np.array([0.0, self.length_m]))
         stiffness = float(self.taper.stiffness(np.ones(1))[0])
         words = f"{thick:.2f} mm"
@@ -106,7 +108,7 @@ class Antenna:
 
     @property
     def rod(self) -> Rod:
-        """As a rod of round wire, clamped where and as it is."""
+        """The antenna as a round rod with its clamping."""
         from vbaa_calib.antenna.rod import TORSION_RATIO, Rod  # loads SciPy
 
         y, z, about_y, about_z, bow_y, bow_z = self.parameters[:6]
@@ -122,7 +124,7 @@ class Antenna:
         )
 
     def to_dict(self, std: Callable[[str], float]) -> dict[str, Any]:
-        """The mapping `antenna` of rig.json; `std` gives the standard deviation of a parameter by its name."""
+        """The entry `antenna` of rig.json. std : the standard deviation of a parameter by its name."""
         return {
             "length_m": self.length_m,
             "diameter_m": self.diameter_m,
@@ -152,7 +154,7 @@ _Looks = Annotated[tuple[tuple[_Level, _Level, _Level, _Spread], ...], Within(mi
 
 @dataclass(frozen=True)
 class AntennaImage:
-    """What the antenna looks like in this rig's pictures.
+    """Appearance of the antenna in this rig's pictures.
 
     bright : brighter than the background, darker, or, with None, here this and there that.
     noise_px : typical standard deviation of one centreline point.
@@ -190,14 +192,14 @@ class AntennaImage:
     ] = False
 
     def __post_init__(self) -> None:
-        """Raises InputError for a noise that is none."""
+        """Raises InputError for an impossible noise."""
         for name in ("noise_px", "noise_scale"):
             if not 0.0 < as_float(getattr(self, name), name, "give a number, more than 0") < np.inf:
                 raise InputError(f"{name} is {getattr(self, name)}", remedy="give a number, more than 0")
 
     @property
     def paint(self) -> Paint:
-        """The antenna's look against its background."""
+        """The antenna's paint relative to its background."""
         from vbaa_calib.detect.whisker.paint import Paint  # loads the finder
 
         if self.weights_bgr is not None or self.colour_bgr is not None:
@@ -206,7 +208,7 @@ class AntennaImage:
 
 
 def kinematics_to_dict(kinematics: Kinematics) -> dict[str, Any]:
-    """The mapping `kinematics` of rig.json."""
+    """The entry `kinematics` of rig.json."""
     return {
         "T_actuator_antenna": kinematics.T_actuator_antenna.to_dict(),
         "position_world_m": kinematics.position_world_m.tolist(),

@@ -1,7 +1,6 @@
-"""How far the antenna's seen points lie from a predicted curve, in whitened units along the curve's normal.
+"""Whitened distances of the antenna's detected points from a predicted curve, along the curve's normal.
 
-Pixels are undistorted once per frame, with their covariance; every comparison after that is a pinhole's, whatever the
-lens.
+Pixels are undistorted once per frame, with their covariance; after that every comparison is a pinhole camera's.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from vbaa_calib.native import core
 
 @dataclass(frozen=True, eq=False)
 class SeenPoints(Rows):
-    """The antenna's points (N, 2) of one picture, normalized (on the plane one unit before the camera).
+    """The antenna's detected points (N, 2) in one picture, normalized (on the plane one unit before the camera).
 
     covariance : (N, 2, 2) of each point, from its standard deviation across the antenna in pixels.
     by_lens : (N, 2, P) how the points move with the P parameters of the lens; None where the lens counts as exact.
@@ -31,13 +30,14 @@ class SeenPoints(Rows):
     by_lens: np.ndarray | None = None
 
     def with_lens_moved(self, step: np.ndarray) -> SeenPoints:
-        """The same pixels through a lens with parameters a small step (P,) away."""
+        """The same pixels through a lens with its parameters changed by a small step (P,)."""
         return self if self.by_lens is None else replace(self, points=self.points + self.by_lens @ step)
 
 
 @dataclass(frozen=True, eq=False)
 class ImageCurves(Rows):
-    """K predicted curves of one frame: nodes (K, M, 2) in normalized coordinates, slopes by arc length, s (K, M)."""
+    """K predicted curves of one frame: nodes (K, M, 2) in normalized coordinates, their derivatives by arc length,
+    arc lengths (K, M)."""
 
     arclength_m: np.ndarray
     nodes: np.ndarray
@@ -49,13 +49,14 @@ class ImageCurves(Rows):
         return points, along
 
     def _arrays_from(self, first: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Arc lengths, nodes and slopes from one curve on, for the core."""
+        """Arc lengths, nodes and derivatives of the curves from `first` on, for the core."""
         s, nodes, slopes = (np.ascontiguousarray(each[first:], float) for each in vars(self).values())
         return s, nodes, slopes
 
 
 def see(camera: Camera, points_px: np.ndarray, sigma_px: np.ndarray, with_lens: bool = False) -> SeenPoints:
-    """Undistort (N, 2) pixels with standard deviations (N,); points where the lens has no inverse are left out.
+    """Undistorted points of (N, 2) pixels with standard deviations (N,), without those at which the lens has no
+    inverse.
 
     Their dependence on the lens comes with them where asked for, or where the camera knows its own covariance.
     """
@@ -65,7 +66,7 @@ def see(camera: Camera, points_px: np.ndarray, sigma_px: np.ndarray, with_lens: 
 def see_each(
     camera: Camera, pictures: Sequence[tuple[np.ndarray, np.ndarray]], with_lens: bool = False
 ) -> list[SeenPoints]:
-    """`see` of several pictures' points and deviations."""
+    """`see` for the points of several pictures."""
     if not pictures:
         return []
     points_px, sigma_px = zip(*pictures, strict=True)
@@ -78,7 +79,7 @@ def see_each(
 
 
 def image_curves(curves: Curves, T_camera_antenna: Sequence[Pose] | Pose) -> ImageCurves:
-    """Project B curves, through one camera pose, or through several in turn.
+    """Projections of B curves through one camera pose, or each through its own.
 
     Of a round antenna the middle between its edges is seen. These are tangent to rays from the camera, so that it lies
     off the axis by the square of radius over distance, where the plane through camera and tangent is off the optical
@@ -104,13 +105,14 @@ def image_curves(curves: Curves, T_camera_antenna: Sequence[Pose] | Pose) -> Ima
 
 
 def feet(seen: SeenPoints, curves: ImageCurves) -> np.ndarray:
-    """(N,) arc lengths of the points of the first curve nearest to the seen points."""
+    """(N,) arc lengths on the first curve nearest to the detected points."""
     found: np.ndarray = core.lens.feet(*curves._arrays_from(), seen.points)
     return found
 
 
 def whitened_residuals(seen: SeenPoints, curves: ImageCurves) -> np.ndarray:
-    """(N, K): the seen points' distances from each of K nearby curves along the first one's normal, over their std.
+    """(N, K) distances of the detected points from each of K nearby curves along the first one's normal, over their
+    standard deviations.
 
     All curves are compared at the arc lengths of the feet on the first, which to first order is the distance itself
     (the foot is where it is stationary). Points beyond an end of the curve get the distance from its tangent there.
@@ -119,14 +121,15 @@ def whitened_residuals(seen: SeenPoints, curves: ImageCurves) -> np.ndarray:
 
 
 def _whitened(seen: SeenPoints, curves: ImageCurves) -> tuple[np.ndarray, np.ndarray]:
-    """`whitened_residuals`, and the normals (N, 2) at the feet over the standard deviations along them."""
+    """`whitened_residuals`, and the normals (N, 2) at the feet divided by the standard deviations along them."""
     points, covariance = (np.ascontiguousarray(each, float) for each in (seen.points, seen.covariance))
     residuals, normals = core.lens.whitened(*curves._arrays_from(), points, covariance)
     return residuals, normals
 
 
 def whitened_with_lens(seen: SeenPoints, curves: ImageCurves) -> tuple[np.ndarray, np.ndarray]:
-    """`whitened_residuals` (N, K), and how those from the first curve move with the lens' parameters (N, P).
+    """`whitened_residuals` (N, K), and the derivatives (N, P) of those from the first curve by the lens's
+    parameters.
 
     P is 0 where the lens counts as exact.
     """
@@ -137,7 +140,8 @@ def whitened_with_lens(seen: SeenPoints, curves: ImageCurves) -> tuple[np.ndarra
 
 
 def whitened_along(end: SeenPoints, curves: ImageCurves) -> tuple[np.ndarray, np.ndarray, float]:
-    """How far a seen end (one point) lies beyond the ends of K curves, along the first, over its deviation: (1, K).
+    """(1, K) distance of a detected end (one point) beyond the ends of K curves, along the first, over its standard
+    deviation.
 
     With its slopes by the parameters of the lens (1, P), and by the curve's length, per m.
     """
@@ -150,7 +154,7 @@ def whitened_along(end: SeenPoints, curves: ImageCurves) -> tuple[np.ndarray, np
 
 
 def with_slopes_on_curves(seen: Sequence[SeenPoints], camera: Camera, images: ImageCurves) -> list[SeenPoints]:
-    """The points of F pictures with their slopes by the lens taken at their feet on F predicted curves.
+    """The points of F pictures with their derivatives by the lens evaluated at their feet on F predicted curves.
 
     Slopes taken where a point was seen carry its noise. Over thousands of points that does not average out: it rewards
     a lens that shrinks the noise, and draws it many standard deviations away.
@@ -164,7 +168,7 @@ def with_slopes_on_curves(seen: Sequence[SeenPoints], camera: Camera, images: Im
 
 
 def _with_slopes(seen: SeenPoints, slopes: np.ndarray) -> SeenPoints:
-    """With slopes by the lens (N, 2, P) where those are known."""
+    """The points with derivatives (N, 2, P) by the lens, unchanged where these are not finite."""
     assert seen.by_lens is not None
     known = np.isfinite(slopes).all(axis=(-1, -2), keepdims=True)
     return replace(seen, by_lens=np.where(known, slopes, seen.by_lens))

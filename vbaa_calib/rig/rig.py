@@ -41,8 +41,8 @@ if TYPE_CHECKING:
 
 
 def _joint_covariance(joint: Joint, lens: tuple[str, ...], where: object) -> np.ndarray:
-    """(17, 17), or (17 + P, 17 + P) with the P parameters of the lens. Raises InputError for other parameters, another
-    shape."""
+    """(17, 17), or (17 + P, 17 + P) with the P parameters of the lens. Raises InputError for other parameters or
+    another shape."""
     rows, names = joint.covariance, tuple(joint.parameters)
     if names not in (RIG_PARAMETERS, RIG_PARAMETERS + lens) or {len(rows), *map(len, rows)} != {len(names)}:
         raise InputError(
@@ -54,7 +54,7 @@ def _joint_covariance(joint: Joint, lens: tuple[str, ...], where: object) -> np.
 
 
 def _named(name: str, one: tuple[Antenna, np.ndarray]) -> tuple[str, dict[str, Any]]:
-    """Of `antennas` in rig.json."""
+    """An entry of rig.json's `antennas`: its name and mapping."""
     antenna, std = one
     by_name = dict(zip(ANTENNA_PARAMETERS, std.tolist(), strict=True))
     return name, antenna.to_dict(by_name.__getitem__) | {"parameters_std": std.tolist()}
@@ -63,7 +63,7 @@ def _named(name: str, one: tuple[Antenna, np.ndarray]) -> tuple[str, dict[str, A
 def _refuse_other_antenna(
     name: str, first: Rig, other: Rig, both: list[tuple[np.ndarray, np.ndarray]], known: np.ndarray
 ) -> None:
-    """Raises InputError where two calibrations are of different antennas."""
+    """Raises InputError where two calibrations are of significantly different antennas."""
     apart = (both[1][0] - both[0][0])[known]
     together = (both[0][1] + both[1][1])[np.ix_(known, known)]
     std = np.sqrt(np.diag(together))
@@ -77,8 +77,8 @@ def _refuse_other_antenna(
 
 
 def _intersection(both: list[tuple[np.ndarray, np.ndarray]], known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Covariance intersection of two estimates' known parameters: the step from the first, and its covariance. The
-    weight is the one of the smallest volume."""
+    """Covariance intersection of two estimates of the parameters `known`, with the weight of smallest volume: the
+    step from the first estimate, and its covariance."""
     unit = np.sqrt(np.diag(both[0][1])[known])
     first, second = (np.linalg.inv(one[np.ix_(known, known)] / np.outer(unit, unit)) for _, one in both)
     weights = np.linspace(0.0, 1.0, 41)
@@ -90,7 +90,7 @@ def _intersection(both: list[tuple[np.ndarray, np.ndarray]], known: np.ndarray) 
 
 
 def _about(rig: Rig, known: np.ndarray, step: np.ndarray, joined: np.ndarray) -> Rig:
-    """A rig of one camera with some of the antenna's parameters known a step away, with another covariance."""
+    """A rig of one camera with some of the antenna's parameters changed by a step, and another covariance."""
     covariance = rig.covariance_with_tip
     unit = np.sqrt(np.diag(covariance)[known])
     slopes = covariance[:, known] / unit @ np.linalg.inv(covariance[np.ix_(known, known)] / np.outer(unit, unit)) / unit
@@ -99,7 +99,8 @@ def _about(rig: Rig, known: np.ndarray, step: np.ndarray, joined: np.ndarray) ->
 
 
 def _with_readings_of(main: Rig, rig: Rig, known: np.ndarray) -> Rig:
-    """A further camera's rig with the first one's antenna and sensors; its own pose and lens follow the antenna."""
+    """A further camera's rig with the first one's antenna and sensors; its own pose and lens change with the
+    antenna."""
     pose, joint, lens = len(POSE_PARAMETERS), len(RIG_PARAMETERS), len(rig.covariance)
     whole, first = rig.covariance_with_tip.copy(), main.covariance_with_tip
     own, shared = np.r_[:pose, joint:lens], np.r_[pose:joint, lens : len(whole)]
@@ -116,13 +117,13 @@ def _with_readings_of(main: Rig, rig: Rig, known: np.ndarray) -> Rig:
 
 
 def _same_readings(main: Rig, rig: Rig) -> WrenchSensor | None:
-    """The first rig's further sensor, with rows for another camera's lens."""
+    """The first rig's wrench sensor, with covariance rows for another camera's lens."""
     sensor, own = main.wrench_sensor, rig.wrench_sensor
     return sensor if sensor is None or own is None else replace(sensor, covariance=own.covariance)
 
 
 def _of_camera(data: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """rig.json of one of its `cameras` alone."""
+    """The data of rig.json for one of its `cameras` alone."""
     return (
         {key: value for key, value in data.items() if key != "cameras"} | data["cameras"][name] | {"camera_name": name}
     )
@@ -132,7 +133,7 @@ _OF_ALL_CAMERAS = ("antenna", "moment_sensor", "kinematics", "gravity_world_m_s2
 
 
 def _check_view(T_antenna_camera: Pose, length_m: float, where: object) -> None:
-    """Raises InputError when the undeformed antenna is nowhere in front of the camera, where no picture shows it."""
+    """Raises InputError when no part of the undeformed antenna is in front of the camera."""
     along = np.linspace(0.0, length_m, 9)[:, None] * [1.0, 0.0, 0.0]
     depth_m = (T_antenna_camera.inverse() @ along)[:, 2]
     # what comes nearer to the camera's plane counts as not in front of it
@@ -147,13 +148,13 @@ def _check_view(T_antenna_camera: Pose, length_m: float, where: object) -> None:
 
 @lru_cache(maxsize=64)
 def _is_covariance(matrix: bytes, size: int) -> bool:
-    """Of a matrix (size, size) in float64; remembered, since a rig that is moved keeps its own."""
+    """`is_covariance` for the bytes of a matrix (size, size) in float64; cached, since a moved rig keeps its own."""
     return is_covariance(np.frombuffer(matrix).reshape(size, size))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Rig:
-    """A calibrated rig. Its arrays cannot be changed: `dataclasses.replace` makes another one.
+    """A calibrated rig. Its arrays are read-only: `dataclasses.replace` makes a changed one.
 
     Attributes
     ----------
@@ -227,7 +228,7 @@ class Rig:
             object.__setattr__(self, "others", self._others())
 
     def _others(self) -> dict[str, Rig]:
-        """The further cameras' rigs, with what is the same for all. Raises InputError."""
+        """The further cameras' rigs, with the shared parts of this one. Raises InputError."""
         same = {name: getattr(self, name) for name in _OF_ALL_CAMERAS}
         others, sensor = {}, self.wrench_sensor
         for name, rig in self.others.items():
@@ -250,23 +251,23 @@ class Rig:
 
     @property
     def cameras(self) -> dict[str, Rig]:
-        """The rig of each camera by itself, by name; the first one's is this one's."""
+        """The rig of each camera alone, by name; the first one's is this rig's."""
         return {self.camera_name: replace(self, others={}) if self.others else self, **self.others}
 
     @property
     def image_sizes(self) -> dict[str, tuple[int, int]]:
-        """(width, height) of each camera's pictures, by name; of the only one by ""."""
+        """(width, height) of each camera's pictures by name; "" for the only camera."""
         sizes = {name: one.camera.image_size for name, one in self.others.items()}
         return {self.camera_name if sizes else "": self.camera.image_size, **sizes}
 
     @property
     def lenses(self) -> Camera | dict[str, Camera]:
-        """The only camera, or several by name."""
+        """The only camera, or several cameras by name."""
         return {name: one.camera for name, one in self.cameras.items()} if self.others else self.camera
 
     @gate
     def with_camera(self, name: str, other: Rig) -> Rig:
-        """With a further camera, from its own calibration with the same antenna, sensors and joints.
+        """The rig with a further camera, from its own calibration with the same antenna, sensors and joints.
 
         For cameras that were calibrated apart: those of one session are solved together. How far their errors are
         common is not known: the antenna is their covariance intersection, which holds for any correlation, and each
@@ -293,8 +294,8 @@ class Rig:
 
     @property
     def axes(self) -> np.ndarray:
-        """(Q, R) independent steps of unit deviation of `covariance_with_tip`; of further cameras, those that leave
-        the antenna and its readings alone come last."""
+        """(Q, R) independent steps of `covariance_with_tip`, one standard deviation long; those of further cameras
+        that change neither the antenna nor its readings come last."""
         first = axes = independent_axes((replace(self, others={}) if self.others else self).covariance_with_tip)
         pose, joint, lens = len(POSE_PARAMETERS), len(RIG_PARAMETERS), len(self.covariance)
         shared = first[np.r_[pose:joint, lens : len(first)]]
@@ -311,8 +312,8 @@ class Rig:
         return axes
 
     def _split(self, count: int) -> list[np.ndarray]:
-        """Where each camera's own parameters stand among all Q, `count` for a vector or matrix of them; the first's by
-        itself if there are no more."""
+        """Indices of each camera's own parameters among all Q of a vector or matrix of size `count`; the first
+        camera's alone if there are no others."""
         pose, joint = len(POSE_PARAMETERS), len(RIG_PARAMETERS)
         lens = len(self.camera.parameter_names)
         lenses = [len(each.camera.parameter_names) for each in self.others.values()]
@@ -334,7 +335,7 @@ class Rig:
 
     @property
     def words(self) -> dict[str, str]:
-        """Plane C, stiffness and sensor as text, ± one standard deviation."""
+        """Plane C, stiffness and sensor in words, ± one standard deviation."""
         sensor, off = self.moment_sensor, 1e3 * np.sqrt(np.diag(self.covariance)[:6])
         (x, y, z), EI = 1e3 * self.T_antenna_camera.translation_m, self.antenna.stiffness_Nm2
         more = self.wrench_sensor
@@ -371,12 +372,13 @@ class Rig:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """The columns of our tables with what its sensors read."""
+        """The columns of our tables that its sensors' readings have."""
         return tuple(name for name, std in zip(READINGS.values(), self.reading_noise, strict=True) if std > 0.0)
 
     @gate
     def with_covariance(self, covariance: np.ndarray) -> Rig:
-        """With another joint covariance, (17 + P, 17 + P), or `covariance_with_tip`, (17 + P + W + 1, …)."""
+        """The rig with another joint covariance, (17 + P, 17 + P), or another `covariance_with_tip`, (17 + P + W +
+        1, …)."""
         size = len(covariance) if covariance.ndim == 2 else 0
         if self.others:
             parts = [covariance[np.ix_(own, own)] for own in self._split(size)]
@@ -395,8 +397,8 @@ class Rig:
         return self._with(covariance[:joint, :joint], sensor, tip)
 
     def _with_joint(self, covariance: np.ndarray) -> Rig:
-        """With another joint covariance, (17 + P, 17 + P) or (17, 17); a lens that counted as exact has nothing in
-        common with the other parameters."""
+        """The rig with another joint covariance, (17 + P, 17 + P) or (17, 17); a lens that counted as exact is
+        uncorrelated with the other parameters."""
         tip, sensor, size, extra = self.tip, self.wrench_sensor, len(covariance), self._extra - (self.tip is not None)
 
         def extended(rows: np.ndarray) -> np.ndarray:
@@ -411,7 +413,7 @@ class Rig:
         return self._with(covariance, sensor, tip)
 
     def _with(self, covariance: np.ndarray, sensor: WrenchSensor | None, tip: Tip | None) -> Rig:
-        """With a joint covariance, and what is correlated with it, all at once."""
+        """The rig with another joint covariance and what is correlated with it, all at once."""
         lens = slice(len(RIG_PARAMETERS), None)
         camera = self.camera
         if len(covariance) > len(RIG_PARAMETERS):
@@ -420,7 +422,8 @@ class Rig:
 
     @property
     def _extra(self) -> int:
-        """How many parameters `covariance_with_tip` has after the joint ones: the wrench sensor's W, and the tip's."""
+        """Number of parameters that `covariance_with_tip` has after the joint ones: the wrench sensor's W, and the
+        tip's."""
         return (self.tip is not None) + (0 if self.wrench_sensor is None else len(self.wrench_sensor.covariance))
 
     def _joint(self, size: int) -> int:
@@ -435,8 +438,8 @@ class Rig:
 
     @property
     def covariance_with_tip(self) -> np.ndarray:
-        """(17 + P + W + 1, …) the joint covariance with the wrench sensor's parameters and the tip's offset as its last
-        ones, without these where None; and then pose and lens of each further camera."""
+        """(17 + P + W + 1, …) the joint covariance followed by the wrench sensor's parameters and the tip's offset,
+        where the rig has them, then pose and lens of each further camera."""
         if self.others:
             axes = self.axes
             return np.asarray(axes @ axes.T)
@@ -446,7 +449,7 @@ class Rig:
 
     @gate
     def drifted(self, part: float = 1.0) -> Rig:
-        """The rig with what may have changed since its calibration in the covariance, the lens' included.
+        """The rig with the possible changes since its calibration added to the covariance, the lens's included.
 
         part : factor on the drift's deviations. Raises InputError for one below 0.
         """
@@ -488,7 +491,8 @@ class Rig:
 
     @gate
     def moved(self, step: np.ndarray) -> Rig:
-        """With its parameters a step (17 + P,), or (17,), away, or one of all of `covariance_with_tip`; that stays."""
+        """The rig with its parameters changed by a step (17 + P,) or (17,), or one of all of `covariance_with_tip`;
+        the covariance is unchanged."""
         if self.others:
             parts = self._split(len(step))
             rigs = [rig.moved(step[own]) for rig, own in zip(self.cameras.values(), parts, strict=True)]
@@ -520,7 +524,7 @@ class Rig:
 
     @gate
     def step_from(self, other: Rig) -> np.ndarray:
-        """(17 + P,) the step of `moved` that leads here from another rig; (17,) where their lens models differ."""
+        """(17 + P,) the step with which `other.moved` gives this rig; (17,) where their lens models differ."""
         now, then = self.moment_sensor, other.moment_sensor
         same_lens = self.camera.parameter_names == other.camera.parameter_names
         return np.concatenate(
@@ -534,7 +538,7 @@ class Rig:
 
     @gate
     def of_antenna(self, name: str) -> Rig:
-        """The rig with one antenna, that of the name; all are alike where the rig names none. Raises InputError."""
+        """The rig with the antenna of this name; with its only one where the rig names none. Raises InputError."""
         if not self.antennas:
             return self
         if name not in self.antennas:
@@ -558,13 +562,14 @@ class Rig:
         return CameraOnPlane(self.camera, self.T_antenna_camera, plane)
 
     def on_plane_C(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates (..., 2) m on plane C of pixels (..., 2), and validity (...), as `camera_on_plane().project`, but
-        without torch, which takes a second to load."""
+        """Coordinates (..., 2) m on plane C of pixels (..., 2), and validity (...): as `camera_on_plane().project`,
+        but without torch, which takes a second to load."""
         points, known = from_core(self.camera.intrinsics, "on_plane", pixels, 2, "pixels", *self._plane_C())
         return points, known
 
     def plane_C_jacobian(self, pixels: np.ndarray) -> np.ndarray:
-        """(..., 2, P + 6) as `camera_on_plane().calibration_jacobian`, of pixels (..., 2), without torch."""
+        """(..., 2, P + 6) derivatives as `camera_on_plane().calibration_jacobian`, at pixels (..., 2), without
+        torch."""
         return from_core(self.camera.intrinsics, "plane_slopes", pixels, 2, "pixels", *self._plane_C(), True)[0]
 
     def _plane_C(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -574,18 +579,18 @@ class Rig:
 
     @property
     def with_lens(self) -> bool:
-        """Whether the joint covariance holds the lens."""
+        """Whether the joint covariance includes the lens."""
         return len(self.covariance) > len(RIG_PARAMETERS)
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
-        """What the rows of the joint covariance are."""
+        """Names of the joint covariance's rows."""
         return RIG_PARAMETERS + (self.camera.parameter_names if self.with_lens else ())
 
     @property
     def joint_covariance(self) -> np.ndarray:
-        """(17 + P, 17 + P) of `RIG_PARAMETERS` and the lens; without correlations with the lens where none are known,
-        and zero for a lens that counts as exact."""
+        """(17 + P, 17 + P) covariance of `RIG_PARAMETERS` and the lens; without correlations with the lens where
+        these are unknown, and zero for an exact lens."""
         if self.with_lens:
             return self.covariance
         lens = self.camera.covariance
@@ -610,7 +615,7 @@ class Rig:
     @staticmethod
     @gate
     def load(path: str | Path) -> Rig:
-        """Read rig.json, or a YAML file of a rig that is stated. Raises InputError naming what is wrong in it."""
+        """Read a rig.json, or a YAML file of a stated rig. Raises InputError naming what is wrong in it."""
         path = Path(path)
         if path.suffix.lower() in (".yaml", ".yml"):
             from .stated import stated_rig
@@ -621,7 +626,7 @@ class Rig:
     @staticmethod
     @gate
     def from_dict(data: Mapping[str, Any], where: object = "rig") -> Rig:
-        """From the mapping that `to_dict` makes. Raises InputError naming the key that is wrong."""
+        """The rig from the mapping that `to_dict` makes. Raises InputError naming the key that is wrong."""
         from vbaa_calib.core.models import checked  # loads pydantic, which a rig in memory does without
 
         from .rig_file import RigFile
@@ -663,11 +668,11 @@ class Rig:
 
     @gate
     def save(self, path: str | Path, *, force: bool = False) -> None:
-        """Write rig.json, whole or not at all. Raises InputError for a file that is there, unless `force`."""
+        """Write rig.json, completely or not at all. Raises InputError for an existing file, unless `force`."""
         write_json(Path(path), self.to_dict(), force, Rig.from_dict)
 
     def to_dict(self) -> dict[str, Any]:
-        """The part of rig.json that describes the rig; the provenance is added by who writes it."""
+        """The part of rig.json that describes the rig; whoever writes it adds the provenance."""
         first, more = self.moment_sensor, self.wrench_sensor
         std = {"gain_std": self.std("moment_gain"), "offset_std_Nm": self.std("moment_offset_Nm")}
         whole = {

@@ -47,7 +47,7 @@ class _RigCamera:
 
 
 def can_hold(camera: Camera) -> bool:
-    """Whether the numbers of a camera are within the bounds of rig.json."""
+    """Whether a camera's numbers are within the bounds of rig.json."""
     try:
         checked(_RigCamera, camera.to_dict(), where=SCHEMA, remedy="")
     except InputError:
@@ -57,7 +57,7 @@ def can_hold(camera: Camera) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Noload:
-    """The free antenna: where and at what angles the clamp holds it, and its natural curvature."""
+    """The free antenna: position and angles at the clamp, and natural curvature."""
 
     clamp_offset_yz_m: Annotated[np.ndarray, ArrayOf(2, ge=-1, le=1)]
     clamp_rotation_yz_rad: Annotated[np.ndarray, ArrayOf(2, ge=-1.5, le=1.5)]
@@ -70,7 +70,7 @@ class _Noload:
 
 @dataclass(frozen=True)
 class _FileTip:
-    """Where the antenna's visible end lies beyond length_m, and its covariance with joint.parameters."""
+    """Offset of the antenna's visible end from length_m, and its covariance with joint.parameters."""
 
     offset_m: Annotated[Number, Field(ge=-1, le=1)]
     std_m: Annotated[Number, Field(gt=0, le=1)]
@@ -122,7 +122,7 @@ _PerChannel = Annotated[list[Annotated[Number, Field(ge=-1e9, le=1e9)]], Field(m
 
 @dataclass(frozen=True, eq=False)
 class _FileWrenchSensor:
-    """What is read other than the moment about y; a number for each of components, in N or N·m."""
+    """A sensor of wrench components other than the moment about y; one number for each of components, in N or N·m."""
 
     components: Annotated[list[Literal["mz", "mx", "fx", "fy", "fz"]], Field(min_length=1, max_length=5)]
     gain: _PerChannel
@@ -146,7 +146,7 @@ class _FileWrenchSensor:
 
 @dataclass(frozen=True, eq=False)
 class _AxesUncertainty:
-    """Of axis_skew_rad, axis_offset_m and tilt_zero_rad."""
+    """Uncertainty of axis_skew_rad, axis_offset_m and tilt_zero_rad."""
 
     std: Annotated[
         np.ndarray,
@@ -168,7 +168,7 @@ class _RigKinematics(FileKinematics):
 
 @dataclass(frozen=True)
 class Joint:
-    """One covariance of everything that was solved together."""
+    """The joint covariance of everything that was solved together."""
 
     parameters: list[str]
     covariance: _Covariance
@@ -214,7 +214,7 @@ class RigFile(FileModel):
 
     @property
     def wrench(self) -> WrenchSensor | None:
-        """What is read other than the moment about y."""
+        """The wrench sensor, if there is one."""
         if self.wrench_sensor is not None:
             return self.wrench_sensor.sensor()
         second = self.second_moment_sensor

@@ -1,4 +1,4 @@
-"""A rig that is stated in whiskers.yaml, not calibrated."""
+"""A stated rig, from whiskers.yaml instead of a calibration."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .parts import RIG_PARAMETERS, SCHEMA, Antenna, kinematics_to_dict
 
 
 def _antenna(stated: StatedAntenna) -> dict[str, Any]:
-    """As rig.json has it."""
+    """A stated antenna's entry in the form of rig.json."""
     values, std = np.zeros((2, len(ANTENNA_PARAMETERS)))
     values[5:8] = stated.bow_per_m, np.log(stated.stiffness_Nm2), np.log(stated.mass_per_length_kg_m)
     std[5:8] = stated.bow_std_per_m or 1.0 / stated.length_m, stated.stiffness_std, stated.mass_std
@@ -28,8 +28,8 @@ def _antenna(stated: StatedAntenna) -> dict[str, Any]:
 
 
 def stated_rig(path: Path) -> dict[str, Any]:
-    """What rig.json would hold of the rig in a YAML file (`StatedFile`): the world's origin is the picture's middle
-    in the antennas' plane, x to the right, y up, z to the camera. Raises InputError naming the key that is wrong."""
+    """The rig in a YAML file (`StatedFile`) in the form of rig.json. World frame: origin in the picture's middle in
+    the antennas' plane, x to the right, y up, z to the camera. Raises InputError naming the key that is wrong."""
     read = checked(StatedFile, read_yaml(path), path, "`vbaa schema whiskers` prints what is expected")
     view, (width, height) = read.camera, read.camera.centre_px
     antennas = {name: _antenna(each) for name, each in read.antennas.items()}

@@ -1,4 +1,4 @@
-"""A sensor of more than the moment about y: components of the wrench at the clamp."""
+"""A sensor of several components of the wrench at the clamp."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from vbaa_calib.session import READINGS, MomentSensor
 
 @dataclass(frozen=True, eq=False)
 class WrenchSensor:
-    """What a rig's sensor reads other than the moment about y, in the sensor's own, right-handed axes.
+    """The wrench components that a rig's sensor reads in addition to the moment about y, in the sensor's own,
+    right-handed axes.
 
     reading = gain · component + offset + noise, of force and moment of contact and antenna's weight about the sensor's
     origin. Where it reads the moment about its y, too, that is the rig's `moment_sensor`, with a gain on the moment
@@ -39,7 +40,7 @@ class WrenchSensor:
     covariance: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        """Raises InputError for other components, and for numbers that no sensor has."""
+        """Raises InputError for unknown components and impossible numbers."""
         count, known = len(self.components), [name for name in READINGS if name != "my"]
         if list(self.components) != [name for name in known if name in self.components]:
             remedy = f"name each once, in the order {', '.join(known)}"
@@ -61,13 +62,13 @@ class WrenchSensor:
 
     @staticmethod
     def about_z(sensor: MomentSensor) -> WrenchSensor:
-        """A second moment sensor, about the antenna frame's z, its gain and offset exact."""
+        """A second moment sensor about the antenna frame's z axis, with exact gain and offset."""
         gain, offset, std = (np.array([value]) for value in (sensor.gain, sensor.offset_Nm, sensor.std_Nm))
         return WrenchSensor(("mz",), gain, offset, std)
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
-        """(W,) what the rows of its covariance are."""
+        """(W,) names of its covariance's rows."""
         if not len(self.covariance):
             return ()
         return (
@@ -78,7 +79,7 @@ class WrenchSensor:
 
     @property
     def words(self) -> str:
-        """Gains, and how well its axes are known."""
+        """Gains, and the uncertainty of its axes, in words."""
         gains = ", ".join(f"{name} {gain:.3f}" for name, gain in zip(self.components, self.gain, strict=True))
         known = (
             f"; axes ± {1e3 * np.sqrt(np.diag(self.own_covariance)[:3]).max():.2g} mrad" if len(self.covariance) else ""
@@ -87,11 +88,12 @@ class WrenchSensor:
 
     @property
     def own_covariance(self) -> np.ndarray:
-        """(W, W) of its own parameters."""
+        """(W, W) covariance of its own parameters."""
         return self.covariance[:, self.covariance.shape[1] - len(self.covariance) :]
 
     def joined(self, covariance: np.ndarray) -> np.ndarray:
-        """(N + W, N + W) the rig's covariance (N, N), the tip's offset in it, with its own parameters as the last."""
+        """(N + W, N + W) the rig's covariance (N, N), tip offset included, with the sensor's own parameters as the
+        last."""
         size = len(self.covariance)
         if not size:
             return covariance
@@ -110,18 +112,19 @@ class WrenchSensor:
 
     @cached_property
     def axes(self) -> np.ndarray:
-        """(6, 6) every component by name of `READINGS` as a row on force and moment about the antenna's origin."""
+        """(6, 6) matrix from force and moment about the antenna's origin to the components in the order of
+        `READINGS`."""
         return _by_wrench(self.T_antenna_sensor.rotation, self.T_antenna_sensor.translation_m)
 
     @cached_property
     def turns(self) -> np.ndarray:
-        """(3, 6, 6) derivatives of `axes` by the sensor's turn about the antenna's axes."""
+        """(3, 6, 6) derivatives of `axes` by the sensor's rotation about the antenna's axes."""
         pose = self.T_antenna_sensor
         return np.stack([_by_wrench(np.cross(axis, pose.rotation.T).T, pose.translation_m) for axis in np.eye(3)])
 
     def slopes(self, gain_y: float) -> np.ndarray:
-        """(W, 6, 7) of the readings by force, moment and 1, by its own parameters; gain_y : of the rig's moment sensor,
-        0 where there is none."""
+        """(W, 6, 7) derivatives by its own parameters of the matrix from force, moment and 1 to the readings; gain_y
+        : of the rig's moment sensor, 0 without one."""
         count, of = len(self.components), [list(READINGS).index(name) for name in self.components]
         slopes = np.zeros((3 + 2 * count, len(READINGS), 7))
         gains = np.zeros(len(READINGS))
@@ -133,7 +136,7 @@ class WrenchSensor:
         return slopes if len(self.covariance) else slopes[:0]
 
     def to_dict(self) -> dict[str, Any]:
-        """The mapping `wrench_sensor` of rig.json."""
+        """The entry `wrench_sensor` of rig.json."""
         numbers = {name: getattr(self, name).tolist() for name in ("gain", "offset", "std")}
         deviations = np.sqrt(np.clip(np.diag(self.own_covariance), 0.0, None)).tolist()
         return {
@@ -146,8 +149,8 @@ class WrenchSensor:
 
 
 def _by_wrench(rotation: np.ndarray, origin_m: np.ndarray) -> np.ndarray:
-    """(6, 6) components in the order of `READINGS`, about an origin and along the columns of a rotation, as rows on
-    force and moment about the antenna's origin."""
+    """(6, 6) matrix from force and moment about the antenna's origin to the components, in the order of `READINGS`,
+    about another origin and along the columns of a rotation."""
     x, y, z = origin_m
     moved = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     whole = np.block([[rotation.T, np.zeros((3, 3))], [-rotation.T @ moved, rotation.T]])

@@ -1,4 +1,4 @@
-"""A session: one folder with everything that was measured on one rig. Read here, checked here, never written."""
+"""A session: one folder with everything that was measured on one rig. Read and checked here, never written."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 
 def __getattr__(name: str) -> Any:
-    """The rest loads on first use: files and their tables, which a rig in memory does without."""
+    """Load the rest on first use: files and their tables, which a rig in memory does not need."""
     for home in ("settings", "tables", "centrelines"):
         if not name.startswith("_") and hasattr(module := importlib.import_module(f".{home}", __name__), name):
             return getattr(module, name)

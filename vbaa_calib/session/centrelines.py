@@ -45,7 +45,7 @@ _COLUMNS, _DEVIATION = ("frame", "u_px", "v_px"), "sigma_px"
 
 @dataclass(frozen=True)
 class _CentrelineSettings:
-    """How a table of centrelines is read."""
+    """Limits and block sizes of reading a table of centrelines."""
 
     block: int = 1 << 20  # bytes that are read at once, and the longest line
     lot: int = 64  # frames that are read at once
@@ -56,15 +56,15 @@ CENTRELINES = _CentrelineSettings()
 
 
 def read_centrelines(session: Session) -> Centrelines:
-    """recording/centrelines.csv, checked from the first line to the last; of several cameras the session's own, and in
+    """The centrelines in recording/centrelines.csv, checked completely; of several cameras the session's own, and in
     its `others` those of the rest. Raises InputError naming file and line."""
     path = session.root / "recording" / "centrelines.csv"
     return centrelines_of(path, cameras=session.in_turn)
 
 
 def centrelines_of(path: Path, which: str | None = None, cameras: Sequence[str] = ()) -> Centrelines:
-    """As `read_centrelines`, of any file; also one of DeepLabCut (CSV, HDF5), WhiskerToolbox (CSV, or a folder of
-    them), Janelia's whisk (.whiskers, or .measurements next to it) or NWB.
+    """The centrelines in any file: in the form of `read_centrelines`, or by DeepLabCut (CSV, HDF5), WhiskerToolbox
+    (CSV, or a folder of them), Janelia's whisk (.whiskers, or .measurements next to it) or in NWB.
 
     which : of several lines in a frame: an individual, a whisker's label, a line's place from 0 on; the name in the
         column antenna of a table of ours. cameras : of a table of ours with the lines of several; of the first one, and
@@ -99,7 +99,8 @@ def centrelines_of(path: Path, which: str | None = None, cameras: Sequence[str] 
 
 
 def _of_cameras(named: dict[str, Centrelines] | None, cameras: Sequence[str], path: Path) -> Centrelines:
-    """The first camera's lines, with the others'. Raises InputError for a table that does not name them."""
+    """The first camera's lines, with the others' in `others`. Raises InputError for a table that does not name the
+    cameras."""
     names = ", ".join(cameras)
     if named is None:
         remedy = f"name the camera of each point: {names}"
@@ -112,8 +113,8 @@ def _of_cameras(named: dict[str, Centrelines] | None, cameras: Sequence[str], pa
 
 
 def antennas_of(path: Path, which: str | None = None) -> dict[str, Centrelines]:
-    """The lines of all antennas in a file, by the names that `which` chooses one of, or of that one. Raises InputError
-    as `centrelines_of` does."""
+    """The lines of all antennas in a file by name, of which `which` may choose one. Raises InputError as
+    `centrelines_of`."""
     named = _by_name(path)
     if named is None and (foreign := _foreign(path)) is not None:
         named = {name: _as_ours(path, *found) for name, found in foreign.items() if which in (None, name)}
@@ -123,8 +124,8 @@ def antennas_of(path: Path, which: str | None = None) -> dict[str, Centrelines]:
 
 
 def _by_name(path: Path, column: str = "antenna", names: Iterable[str] = ()) -> dict[str, Centrelines] | None:
-    """Of a table of ours with the column antenna, or camera, the lines of each, at least of these names; None for any
-    other file."""
+    """The lines in a table of ours by the names in its column antenna, or camera, with these names at least; None
+    for any other file."""
     if path.suffix.lower() != ".csv" or not path.is_file() or column not in header_of(path):
         return None
     copies: dict[str, BinaryIO] = {}
@@ -150,7 +151,8 @@ def _by_name(path: Path, column: str = "antenna", names: Iterable[str] = ()) -> 
 
 
 def _as_ours(path: Path, points: np.ndarray, note: str) -> Centrelines:
-    """Points (N, 3) of frame, u, v, px, of another tracker's file. Raises InputError for what is no pixel."""
+    """Centrelines from points (N, 3) of frame, u, v, px, of another tracker's file. Raises InputError for impossible
+    pixels."""
     copy = tempfile.TemporaryFile()  # noqa: SIM115 - as above
     copy.write(b"frame,u_px,v_px\n")
     copy.writelines(f"{frame:.0f},{u!r},{v!r}\n".encode() for frame, u, v in points.tolist())
@@ -167,7 +169,8 @@ _Layout = tuple[int, tuple[int, ...]]
 
 
 class Centrelines(Mapping[int, np.ndarray]):
-    """Frame → (N, 3) of u_px, v_px, sigma_px (NaN where the column is missing), read from the file when asked for.
+    """Mapping from a frame to its points (N, 3): u_px, v_px, sigma_px (NaN where the column is missing), read from
+    the file on access.
 
     Takes 24 bytes for each run of consecutive rows of one frame. Looking up a frame raises InputError if the file has
     changed since it was checked. frames (F,) : their numbers, in order. note : on how another tracker's were read.
@@ -183,7 +186,7 @@ class Centrelines(Mapping[int, np.ndarray]):
         runs: np.ndarray,
         note: str = "",
     ) -> None:
-        """`runs` (R, 3) int64: frame, first and last byte of its rows in the file or its plain copy."""
+        """runs : (R, 3) int64, frame, first and last byte of its rows in the file or its plain copy."""
         self._path, self._copy, self._state, self._layout, self.note = path, copy, state, layout, note
         self._runs = runs[np.argsort(runs[:, 0], kind="stable")]
         self.frames = np.unique(self._runs[:, 0])
@@ -191,7 +194,7 @@ class Centrelines(Mapping[int, np.ndarray]):
         self.others: dict[str, Centrelines] = {}
 
     def checked(self, frames: Sequence[Frame], table: str) -> Self:
-        """These, unless one is of no frame of a table: raises InputError."""
+        """These centrelines, if all their frames are in a table; raises InputError otherwise."""
         unknown = np.setdiff1d(self.frames, numbers_of(frames))
         if len(unknown):
             remedy = "give every frame its row there"
@@ -231,7 +234,7 @@ class Centrelines(Mapping[int, np.ndarray]):
         return at if at < len(self.frames) and self.frames[at] == frame else None
 
     def _read(self, frames: np.ndarray) -> list[np.ndarray]:
-        """The points (N, 3) of frames that follow each other."""
+        """The points (N, 3) of consecutive frames."""
         first, last = np.searchsorted(self._runs[:, 0], [frames[0], frames[-1] + 1])
         table = np.empty((0, 0))
         with suppress(OSError), nullcontext(self._copy) if self._copy else self._path.open("rb") as stream:
@@ -255,7 +258,7 @@ def _state(stream: BinaryIO) -> tuple[int, ...]:
 
 
 def _indexed(stream: BinaryIO) -> tuple[tuple[int, ...], _Layout, np.ndarray] | None:
-    """State and layout of a plain file, and (R, 3) runs of rows in it; None for any other."""
+    """State and layout of a plain file, and the runs (R, 3) of its rows; None for any other."""
     state, line = _state(stream), stream.readline(CENTRELINES.block)
     try:
         header = [name.strip() for name in line.decode("utf-8-sig").split(",")]
@@ -275,7 +278,7 @@ def _indexed(stream: BinaryIO) -> tuple[tuple[int, ...], _Layout, np.ndarray] | 
 
 
 def _plain(block: bytes, layout: _Layout) -> np.ndarray | None:
-    """(R, 3) runs of whole lines, in bytes of the block; None unless they are plain and correct."""
+    """Runs (R, 3) of whole lines, in bytes of the block; None unless they are plain and correct."""
     rows = plain_rows(block, *layout) if block else None
     if rows is None:
         return None
@@ -292,15 +295,15 @@ def _plain(block: bytes, layout: _Layout) -> np.ndarray | None:
 
 
 def _copy_plainly(path: Path, copy: BinaryIO) -> None:
-    """Write the numbers as a plain file. Raises InputError naming the first wrong line."""
+    """Copy the numbers into a plain file. Raises InputError naming the first wrong line."""
     for line, (_, columns, values) in enumerate(_plain_rows(path)):
         copy.write(values if line else ",".join(columns).encode() + b"\n" + values)
     copy.seek(0)
 
 
 def _plain_rows(path: Path, more: tuple[str, ...] = ()) -> Iterator[tuple[dict[str, str], tuple[str, ...], bytes]]:
-    """Rows of a table, checked: their cells, the names of their numbers, and these as a line of a plain file; each with
-    `more` columns of text. Raises InputError naming the first wrong line."""
+    """Checked rows of a table, each with `more` columns of text: their cells, the names of their numbers, and these
+    as a line of a plain file. Raises InputError naming the first wrong line."""
     for row in csv_rows(path, _COLUMNS + more, (_DEVIATION,)):
         columns = tuple(name for name in row if name not in ("line", *more))
         if _DEVIATION in row and number(row, _DEVIATION, path) <= 0:
@@ -317,7 +320,7 @@ _Lines = dict[str, tuple[np.ndarray, str]]
 
 
 def _foreign(path: Path) -> _Lines | None:
-    """The lines of another tracker's file; None for a table of ours. Raises InputError."""
+    """The lines in another tracker's file; None for a table of ours. Raises InputError."""
     suffix = path.suffix.lower()
     if os.path.isdir(path):
         return _numbered_tables(path)
@@ -349,7 +352,7 @@ def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
 
 
 def _floats(cells: Sequence[str], path: Path, line: int) -> list[float]:
-    """Numbers, NaN for empty cells. Raises InputError with file and line."""
+    """Numbers of cells, NaN for empty ones. Raises InputError with file and line."""
     try:
         return [float(cell) if cell.strip() else math.nan for cell in cells]
     except ValueError:
@@ -357,7 +360,7 @@ def _floats(cells: Sequence[str], path: Path, line: int) -> list[float]:
 
 
 def _network_table(path: Path) -> tuple[list[tuple[str, ...]], np.ndarray, np.ndarray]:
-    """DeepLabCut's columns (individual, part, x|y|likelihood), frames (F,) and values (F, C) of a CSV."""
+    """Columns (individual, part, x|y|likelihood), frames (F,) and values (F, C) of DeepLabCut's CSV."""
     heads: dict[str, list[str]] = {}
     frames: list[float] = []
     values: list[list[float]] = []
@@ -378,7 +381,7 @@ def _network_table(path: Path) -> tuple[list[tuple[str, ...]], np.ndarray, np.nd
 
 
 def _of_parts(path: Path, columns: Sequence[tuple[str, ...]], frames: np.ndarray, values: np.ndarray) -> _Lines:
-    """The points that a network is sure of, of each individual."""
+    """The points of each individual that have a high enough likelihood."""
     individuals = list(dict.fromkeys(each[0] for each in columns))
     found: _Lines = {}
     for name in [each for each in individuals if each != "single" or len(individuals) == 1]:
@@ -399,7 +402,7 @@ def _of_parts(path: Path, columns: Sequence[tuple[str, ...]], frames: np.ndarray
 
 
 def _chosen(names: Sequence[str], which: str | None, path: Path) -> str:
-    """The line that is meant. Raises InputError where there are several and none is named."""
+    """The name of the chosen line. Raises InputError where there are several and none is chosen."""
     if which is None and len(names) != 1:
         what = f"has {len(names)} lines: {', '.join(map(str, names))}"
         raise InputError(what, where=path, remedy="say which is the antenna: --line NAME")
@@ -409,7 +412,7 @@ def _chosen(names: Sequence[str], which: str | None, path: Path) -> str:
 
 
 def _picked(lines: Sequence[tuple[str, int, np.ndarray]], more: str = "") -> _Lines:
-    """Lines (name, frame, (n, 2) px) by name, with more words in their notes."""
+    """Lines by name from (name, frame, (n, 2) px), with `more` added to their notes."""
     found: _Lines = {}
     for name in sorted({name for name, _, _ in lines}, key=lambda name: (len(name), name)):
         kept = sorted(((frame, line) for who, frame, line in lines if who == name), key=lambda each: each[0])
@@ -419,7 +422,7 @@ def _picked(lines: Sequence[tuple[str, int, np.ndarray]], more: str = "") -> _Li
 
 
 def _lists(path: Path) -> _Lines:
-    """WhiskerToolbox's lines in one file: a frame, then all x and all y, each in quotes."""
+    """WhiskerToolbox's lines in one file: per row a frame, then all x and all y, each in quotes."""
     lines, count = [], dict[int, int]()
     for line, cells in _rows(path):
         if line == 1 or not cells:
@@ -435,7 +438,7 @@ def _lists(path: Path) -> _Lines:
 
 
 def _numbered_tables(path: Path) -> _Lines:
-    """WhiskerToolbox's lines in a file each, named by the frame: x,y."""
+    """WhiskerToolbox's lines with columns x,y in a file per frame, named by its number."""
     lines = []
     for each in sorted(path.glob("*.csv")):
         if each.stem.isdecimal():
@@ -449,7 +452,7 @@ def _numbered_tables(path: Path) -> _Lines:
 
 
 def _whisk(path: Path) -> _Lines:
-    """The lines of Janelia's whisk, by the labels of the measurements next to them."""
+    """The lines of Janelia's whisk, named by the labels of the measurements file next to them."""
     traces, measured = path.with_suffix(".whiskers"), path.with_suffix(".measurements")
     if not traces.is_file():
         what = "holds where whiskers begin and end, not their lines"
@@ -460,8 +463,8 @@ def _whisk(path: Path) -> _Lines:
 def _labelled(
     path: Path, lines: Sequence[tuple[int, int, np.ndarray]], labels: Mapping[tuple[int, int], int]
 ) -> _Lines:
-    """The lines (whisker, frame, (n, 2) px) of each label (frame, whisker) → label; by whisk's own numbers where labels
-    tell no lines apart."""
+    """The lines (whisker, frame, (n, 2) px) of each label, by labels (frame, whisker) → label; by whisk's own
+    numbers where the labels distinguish nothing."""
     found = [(labels.get((frame, whisker), -1), frame, points) for whisker, frame, points in lines]
     named = [(str(label), frame, points) for label, frame, points in found if label >= 0]
     if named and len({each[:2] for each in named}) == len(named):
@@ -475,7 +478,7 @@ def _labelled(
 
 
 def _traces(path: Path) -> list[tuple[int, int, np.ndarray]]:
-    """(whisker, frame, (n, 2) px) of a .whiskers file in any of whisk's four formats (whisker_io_*.c)."""
+    """Traces (whisker, frame, (n, 2) px) in a .whiskers file of any of whisk's four formats (whisker_io_*.c)."""
     data = read_bytes(path)
     for head, record in ((b"bwhiskbin1\0\0", _binary_trace), (b"bwhiskpoly1\0\0", _polynomial_trace)):
         if data.startswith(head):
@@ -496,8 +499,8 @@ def _traces(path: Path) -> list[tuple[int, int, np.ndarray]]:
 
 
 def _written_traces(path: Path) -> list[tuple[int, int, np.ndarray]]:
-    """The same of a text: frame, whisker, frame, number of points and four values of each, below a head that says so
-    (whisk1); or frame, whisker, first and last column, and the row in each (whiskold)."""
+    """Traces in a text file: per row frame, whisker, frame, number of points and four values of each, below a head
+    that says so (whisk1); or frame, whisker, first and last column, and the row in each (whiskold)."""
     lines: list[tuple[int, int, np.ndarray]] = []
     headed = False
     for line, cells in _rows(path):
@@ -520,7 +523,7 @@ def _torn(path: Path) -> InputError:
 
 
 def _binary_trace(data: bytes, at: int, count: int) -> tuple[np.ndarray, int]:
-    """Points (n, 2) of x, y, thickness and score, each of all points, and where the next trace begins."""
+    """Points (n, 2) of a trace stored as all x, y, thickness and score, and the position of the next trace."""
     end = at + 16 * count
     if end > len(data):
         raise ValueError
@@ -528,13 +531,14 @@ def _binary_trace(data: bytes, at: int, count: int) -> tuple[np.ndarray, int]:
 
 
 def _polynomial_trace(data: bytes, at: int, count: int) -> tuple[np.ndarray, int]:
-    """The same of a score and polynomials of second degree for x and y over the part of the length."""
+    """Points (n, 2) of a trace stored as a score and second-degree polynomials of x and y over the relative length,
+    and the position of the next trace."""
     values = np.array(struct.unpack_from("<f6d", data, at)[1:]).reshape(2, 3)
     return np.linspace(0.0, 1.0, count)[:, None] ** np.arange(3) @ values.T, at + struct.calcsize("<f6d")
 
 
 def _labels(path: Path) -> dict[tuple[int, int], int]:
-    """(frame, whisker) → its label in a .measurements file (measurements_io_v1.c, _v2.c, _v3.c)."""
+    """(frame, whisker) → label, from a .measurements file (measurements_io_v1.c, _v2.c, _v3.c)."""
     data = read_bytes(path)
     try:
         # what the second version wrote depends on the machine
@@ -549,7 +553,7 @@ def _labels(path: Path) -> dict[tuple[int, int], int]:
 
 
 def _hdf5(path: Path) -> _Lines:
-    """DeepLabCut's HDF5, or the poses of an NWB file."""
+    """The lines in DeepLabCut's HDF5, or the poses in an NWB file."""
     from vbaa_calib.convert.child import read_in_child  # which needs sessions
 
     require_file(path)
@@ -565,7 +569,7 @@ def _hdf5(path: Path) -> _Lines:
 
 
 def _whisk_tables(path: Path, found: Mapping[str, np.ndarray]) -> _Lines:
-    """The lines of whiskers (W, 3) of frame, number and label in an HDF5 file, or of the .whiskers file next to it."""
+    """The lines in whisk's HDF5, or in the .whiskers file next to it, by whiskers (W, 3) of frame, number and label."""
     labels = {(frame, number): label for frame, number, label in found["whiskers"].tolist()}
     if "points" in found:
         parts = np.split(found["points"], np.cumsum(found["counts"])[:-1])
@@ -582,7 +586,8 @@ def _whisk_tables(path: Path, found: Mapping[str, np.ndarray]) -> _Lines:
 
 def _read_hdf5(path: Path) -> dict[str, np.ndarray]:
     """`columns` (JSON of [individual, part, coordinate]), `frames` (F,), `values` (F, C) of a tracker's HDF5 or NWB;
-    of whisk `whiskers` (W, 3) of frame, number and label, and, where it has lines, `points` (N, 2) px, `counts` (W,).
+    for whisk `whiskers` (W, 3) of frame, number and label and, where it has lines, `points` (N, 2) px, `counts`
+    (W,).
 
     Raises
     ------
@@ -628,7 +633,7 @@ def _read_hdf5(path: Path) -> dict[str, np.ndarray]:
 
 
 def _numbered(table: Any, frame: str) -> np.ndarray:
-    """(W, 3) frame, number and label, −1 without, of a table of whisk's in HDF5, with labels without a sign."""
+    """(W, 3) frame, number and label (−1 without) of whisk's table in HDF5."""
     names = table.dtype.names if hasattr(table, "dtype") else table.keys()
     number = next(name for name in ("whisker_id", "wid", "id") if name in names)
     columns = [np.asarray(table[name], np.int64) for name in (frame, number)]
@@ -637,7 +642,7 @@ def _numbered(table: Any, frame: str) -> np.ndarray:
 
 
 def _pickled(data: bytes) -> Any:
-    """The lists and texts of a pickle. Raises ValueError for one that asks for anything else."""
+    """The lists and texts in a pickle. Raises ValueError for a pickle with anything else."""
 
     def refuse(module: str, name: str) -> Any:
         raise ValueError(f"its columns ask for {module}.{name}")

@@ -1,4 +1,4 @@
-"""What may change between a calibration and a recording, and within it."""
+"""Changes of a rig between calibration and recording, and during the recording."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from vbaa_calib.core.arrays import Within
 
 @dataclass(frozen=True)
 class MovingClamp:
-    """A clamp that moves and turns between frames: a follicle, or a probe on a hand. The picture shows its place and
-    its turn about the line of sight; of the rest there are priors, as standard deviations.
+    """A clamp that moves between frames: a follicle, or a probe in a hand. Its position and rotation in the image
+    plane are measured in the picture; the other motions have priors, as standard deviations.
 
     depth_std_m : of its place along the antenna frame's z.
     elevation_std_rad : of its turn out of plane C.
@@ -31,7 +31,7 @@ _OF_FRAMES = ("line_px", "light_px", "lock_px", "hourly", "zero_hourly")
 
 @dataclass(frozen=True)
 class Drift:
-    """Standard deviations of what changes between a calibration and a recording; 0: nothing.
+    """Standard deviations of the changes between calibration and recording; 0: no change.
 
     Attributes
     ----------
@@ -71,11 +71,11 @@ class Drift:
         return any(getattr(self, each.name) for each in fields(self) if each.name not in _OF_FRAMES)
 
     def tracking_zero(self) -> Drift:
-        """With a zero of the moment sensor that is followed, whatever else may change."""
+        """The drift with a moment sensor zero that is tracked over the recording."""
         return replace(self, moment_zero=max(self.moment_zero, 50.0), zero_hourly=60.0)
 
     def times(self, factor: float) -> Drift:
-        """With all deviations of the rig so many times as large."""
+        """The drift with all standard deviations of the rig multiplied by a factor."""
         names = (each.name for each in fields(self) if each.name not in _OF_FRAMES)
         return replace(self, **{name: factor * getattr(self, name) for name in names})
 
@@ -120,6 +120,6 @@ plastic."""
 
 
 def drift_of(name: str | None, *others: Drift | None, track_zero: bool = False) -> Drift:
-    """The drift of that name, or without one the first of the others; with a zero that is followed, where asked."""
+    """The drift of this name, or without a name the first of the others; with a tracked zero if asked."""
     found = next(each for each in (None if name is None else DRIFTS[name], *others, Drift()) if each is not None)
     return found.tracking_zero() if track_zero else found

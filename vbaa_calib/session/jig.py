@@ -1,4 +1,4 @@
-"""What the jig's entries could have been meant as: signs, exchanged axes, turned boards, other units."""
+"""Possible mistakes in the jig's entries: signs, exchanged axes, turned boards, other units."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vbaa_calib.geometry import Pose
 def jig_alternatives(
     jig: Pose, opposite_m: np.ndarray | None = None, thickness_m: float = 0.0
 ) -> list[tuple[str, Pose]]:
-    """What T_antenna_board may be where it was entered as `jig`: (which entry would be wrong, in words; pose).
+    """Alternatives for a T_antenna_board that was entered as `jig`: (the entry that would be wrong, in words; pose).
 
     One mistake at a time, the commonest first, and no pose twice: of two that end in the same the commoner remains.
     Pure geometry, which decides nothing: an alternative is likely if it puts the free antenna where it is seen.
@@ -73,7 +73,7 @@ def jig_alternatives(
 
 
 def jig_doubts(jig: Pose, length_m: float) -> list[Diagnosis]:
-    """What cannot be right about a jig's offset (T_antenna_board), whatever is seen; length_m : of the antenna."""
+    """Implausible parts of a jig's offset (T_antenna_board), which need no picture. length_m : of the antenna."""
     size_m = float(np.linalg.norm(jig.translation_m))
     small, most_m = 0.0 < size_m < 1e-3, max(5.0 * length_m, 1.0)
     if not small and size_m <= most_m:

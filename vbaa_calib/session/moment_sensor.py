@@ -32,7 +32,7 @@ def _not_zero(gain: float) -> float:
 
 @dataclass(frozen=True)
 class MomentSensor:
-    """reading = gain · moment + offset + noise of standard deviation std, infinite where there is no sensor."""
+    """reading = gain · moment + offset + noise of standard deviation std, which is infinite without a sensor."""
 
     gain: Annotated[
         float,
@@ -47,7 +47,7 @@ class MomentSensor:
     std_Nm: Annotated[float, Within(ge=1e-12, le=1e6)]
 
     def __post_init__(self) -> None:
-        """Raises InputError for what reads nothing, and for what is no number."""
+        """Raises InputError for a gain of zero, and for what is not a number."""
         in_units = "give a gain other than 0, and offset and standard deviation in N·m"
         for name in ("gain", "offset_Nm", "std_Nm"):
             value = as_float(getattr(self, name), f"{name} of the moment sensor", in_units)
@@ -57,7 +57,7 @@ class MomentSensor:
 
     @staticmethod
     def none() -> MomentSensor:
-        """Of a rig without: no reading tells anything."""
+        """The sensor of a rig without one: its readings have infinite noise."""
         return MomentSensor(1.0, 0.0, math.inf)
 
     @property

@@ -1,4 +1,4 @@
-"""session.yaml: what is known of a rig before its calibration, and which optional folders a session has."""
+"""session.yaml: the rig as known before its calibration, and the optional folders of a session."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ FileProfile = tuple[tuple[Annotated[Number, Field(ge=0, le=10)], Annotated[Numbe
 
 @dataclass(frozen=True)
 class NominalTip:
-    """How well the visible end is known to lie at `length_m`, by which the camera's distance is determined."""
+    """Uncertainty of the visible end's position at `length_m`, which determines the camera's distance."""
 
     length_std_m: Annotated[Number, Field(ge=0, le=0.1, description="standard deviation of length_m")] = 3e-4
     shape_std_m: Annotated[
@@ -51,7 +51,7 @@ class NominalTip:
 
 
 def _with_material(antenna: Any) -> Any:
-    """session.yaml's `antenna`, with modulus and density of the material that it names where it has none, and with the
+    """session.yaml's `antenna`, with modulus and density of its named material where they are missing, and with the
     diameter that its profile has at the clamp."""
     if not isinstance(antenna, Mapping):
         return antenna
@@ -64,8 +64,8 @@ def _with_material(antenna: Any) -> Any:
 
 
 def _or_material(schema: dict[str, Any]) -> None:
-    """In the JSON Schema: modulus and density may be missing where a material of the table is named, the diameter where
-    there is a profile."""
+    """The JSON Schema in which modulus and density may be missing where a known material is named, and the diameter
+    where there is a profile."""
     schema["required"] = ["length_m"]
     schema["allOf"] = [{"anyOf": [{"required": [key]} for key in ("diameter_m", "profile")]}]
     known = {"required": ["material"], "properties": {"material": {"enum": list(MATERIALS)}}}
@@ -104,7 +104,7 @@ class NominalAntenna:
     ] = 5e-6
 
     def __post_init__(self) -> None:
-        """Raises InputError for a profile that is none of this antenna."""
+        """Raises InputError for a profile that does not fit this antenna."""
         _ = self.taper
         if self.profile and not math.isclose(self.profile[0][1], self.diameter_m, rel_tol=0.01):
             raise InputError(
@@ -114,7 +114,7 @@ class NominalAntenna:
 
     @property
     def taper(self) -> Taper:
-        """How it changes from its clamp to its tip, as stated."""
+        """The stated taper from clamp to tip."""
         return Taper.of(self.profile, self.stiffness_profile, self.length_m)
 
     @property
@@ -127,13 +127,13 @@ class NominalAntenna:
 
     @property
     def material_doubts(self) -> list[Diagnosis]:
-        """Whether the material can have this modulus and density; empty where it is not of the table."""
+        """Doubts whether the material can have this modulus and density; empty for an unknown material."""
         known = Material.named(self.material)
         return [] if known is None else known.doubts(self.youngs_modulus_Pa, self.density_kg_m3)
 
     @property
     def tip_std_m(self) -> float | None:
-        """Standard deviation of the visible end's place along the antenna; None where it is not used."""
+        """Standard deviation of the visible end's position along the antenna; None where it is not used."""
         if self.tip is None:
             return None
         shape_m = (
@@ -182,7 +182,7 @@ class OverBoard:
 
 @dataclass(frozen=True)
 class LoadReadings:
-    """Standard deviations of a known load's place along the antenna, and of its force, relative; 0: exactly."""
+    """Standard deviations of a known load's distance along the antenna, and of its force, relative; 0: exact."""
 
     distance_std_m: Annotated[Number, Field(ge=0, le=0.05)] = 0.0
     force_std_relative: Annotated[Number, Field(ge=0, le=0.5)] = 0.0
@@ -212,7 +212,7 @@ FilePose = Annotated[Pose, ReadAs(_PoseInFile, _pose)]
 
 @dataclass(frozen=True, eq=False)
 class FileKinematics:
-    """The joints as session.yaml and rig.json give them."""
+    """The joints' entry in session.yaml and rig.json."""
 
     T_actuator_antenna: FilePose = field(default_factory=Pose.identity)
     position_world_m: Annotated[np.ndarray, ArrayOf(3, ge=-1e6, le=1e6)] = field(default_factory=lambda: np.zeros(3))
@@ -227,7 +227,7 @@ class FileKinematics:
     ] = 0.0
 
     def kinematics(self) -> Kinematics:
-        """For the solver."""
+        """The joints in the solver's form."""
         axes = self.axis_skew_rad, self.axis_offset_m, self.tilt_zero_rad
         return Kinematics(self.T_actuator_antenna, self.position_world_m, *axes)
 
@@ -303,14 +303,14 @@ class NominalWrenchSensor:
         return {name: known[name] for name in READINGS if name in known}
 
     def std(self, name: str) -> float:
-        """Noise of a component's readings."""
+        """Standard deviation of the noise of a component's readings."""
         std = self.std_N if name.startswith("f") else self.std_Nm
         return math.inf if std is None else std
 
 
 @dataclass(frozen=True)
 class _SessionLoads(LoadReadings):
-    """How well places and forces of the known loads are known, as standard deviations; 0: exactly."""
+    """Standard deviations of the known loads' distances and forces; 0: exact."""
 
     distance_std_m: Annotated[Number, Field(ge=0, le=0.05)] = 5e-4
     force_std_relative: Annotated[Number, Field(ge=0, le=0.5)] = 5e-3
@@ -318,7 +318,7 @@ class _SessionLoads(LoadReadings):
 
 @dataclass(frozen=True)
 class Shutter:
-    """How the recording's camera takes a picture."""
+    """Exposure and readout of the recording's camera."""
 
     exposure_s: Annotated[Number, Field(ge=0, le=10, description="how long it is exposed; 0: not known")] = 0.0
     readout_s: Annotated[
@@ -335,7 +335,7 @@ def _drift(value: Any) -> Any:
 
 
 class _Or:
-    """Annotation of what a file may also name: the JSON Schema of its names."""
+    """Annotation of a value for which a file may have one of several names: the JSON Schema of the names."""
 
     def __init__(self, names: JsonSchemaValue) -> None:
         self.names = names
@@ -357,7 +357,7 @@ def _direction(values: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class KnownObject:
-    """A straight pin or edge at a measured place in the world, which the recording's contacts are on."""
+    """A straight pin or edge at a measured place in the world, on which the recording's contacts lie."""
 
     shape: Literal["pin", "edge"]
     position_m: Annotated[np.ndarray, ArrayOf(3, ge=-100, le=100)]
@@ -372,7 +372,7 @@ CameraName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$")]
 
 
 class SessionFile(FileModel):
-    """session.yaml: what is known of a rig before it is calibrated."""
+    """The content of session.yaml: the rig as known before its calibration."""
 
     VERSION = SCHEMA
     version: Literal["vbaa.session/1"] = Field(alias="schema")
@@ -415,7 +415,7 @@ class SessionFile(FileModel):
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """session.yaml, checked; every standard deviation is 0 where a thing is known exactly.
+    """A checked session.yaml; the standard deviation of anything known exactly is 0.
 
     T_antenna_board : pose of the board's printed face in the jig, or None without a jig.
     gravity_world_m_s2 : (3,), zero when weightless.
@@ -454,21 +454,21 @@ class Session:
     camera: str = ""
 
     def of_camera(self, name: str) -> Session:
-        """The session as one of its cameras saw it."""
+        """The session with only one of its cameras."""
         return replace(self, camera=name, shutter=self.cameras[name])
 
     @property
     def in_turn(self) -> tuple[str, ...]:
-        """The names of its cameras, this session's first; none where there is one camera."""
+        """The names of its cameras, this session's first; empty where there is one camera."""
         return (self.camera, *(name for name in self.cameras if name != self.camera)) if self.cameras else ()
 
     def folder(self, name: str) -> Path:
-        """Of the pictures of its camera: intrinsics, plane."""
+        """The folder of its camera's pictures, such as intrinsics or plane."""
         return self.root / name / self.camera
 
     @property
     def image_column(self) -> str:
-        """That names its camera's pictures in tables."""
+        """The column that names its camera's pictures in tables."""
         return f"image_{self.camera}" if self.camera else "image"
 
     @property
@@ -478,13 +478,13 @@ class Session:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """The columns with what its sensor reads, which noload.csv and loads.csv must have."""
+        """The columns of its sensors' readings, which noload.csv and loads.csv must have."""
         names = ["my"] * self.with_sensor if self.wrench_sensor is None else self.wrench_sensor.signs
         return tuple(READINGS[name] for name in names)
 
     @property
     def possible_drift(self) -> Drift:
-        """What may change between calibration and recording, `lab` where session.yaml does not say."""
+        """The changes to expect between calibration and recording; `lab` unless session.yaml states others."""
         return DRIFTS["lab"] if self.drift is None else self.drift
 
     def gravity_antenna(self, frames: Sequence[Still]) -> np.ndarray:

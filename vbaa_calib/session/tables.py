@@ -24,7 +24,7 @@ from .settings import Session
 
 @dataclass(frozen=True)
 class SweepPicture:
-    """One picture of a board fixed in the world, with the joints at rest at these readings."""
+    """One picture of a board fixed in the world, with the joints at rest."""
 
     image: Path
     pan_rad: float
@@ -33,8 +33,8 @@ class SweepPicture:
 
 @dataclass(frozen=True, slots=True)
 class Still:
-    """One picture of the antenna with the joints at rest. `moment_Nm` and the like are the sensor's readings, NaN where
-    nothing was read.
+    """One picture of the antenna with the joints at rest. Sensor readings such as `moment_Nm` are NaN where nothing
+    was read.
 
     `time_s` is when it was taken, from any start, for the sensor's drift; None if not recorded.
     """
@@ -52,13 +52,13 @@ class Still:
 
     @property
     def readings(self) -> list[float]:
-        """(6,) as `READINGS`."""
+        """(6,) readings in the order of `READINGS`."""
         return [getattr(self, name) for name in READINGS.values()]
 
 
 @dataclass(frozen=True, slots=True)
 class Load(Still):
-    """A known load: force components (y, z), antenna frame, hung at an arc length from the clamp."""
+    """A known load at an arc length from the clamp: force components (y, z), antenna frame."""
 
     distance_m: float
     force_y_N: float
@@ -85,7 +85,7 @@ class Frame(Still):
 
 @dataclass(frozen=True, eq=False)
 class _FrameColumns(Rows, Sequence[Frame]):
-    """Frames of a recording without pictures, by columns (F,), which are small to keep and quick to send."""
+    """Frames of a recording without pictures, as columns (F,), which take little memory and are quick to transfer."""
 
     frame: np.ndarray
     time_s: np.ndarray
@@ -110,12 +110,12 @@ class _FrameColumns(Rows, Sequence[Frame]):
 
 
 def numbers_of(frames: Sequence[Frame]) -> np.ndarray:
-    """The frames' numbers (F,)."""
+    """(F,) numbers of the frames."""
     return frames.frame if isinstance(frames, _FrameColumns) else np.array([each.frame for each in frames], np.int64)
 
 
 def pictures_of(frames: Sequence[Frame]) -> list[Path]:
-    """The pictures of those frames that have one."""
+    """The pictures of the frames that have one."""
     if isinstance(frames, _FrameColumns):
         return []
     return [each.image for each in frames if each.image is not None] or [
@@ -124,7 +124,7 @@ def pictures_of(frames: Sequence[Frame]) -> list[Path]:
 
 
 def without_moments(frames: Sequence[Frame]) -> Sequence[Frame]:
-    """Frames for vision alone."""
+    """The frames without their moment readings, for estimates from pictures alone."""
     if isinstance(frames, _FrameColumns):
         nothing = np.full(len(frames), np.nan)
         return replace(frames, **dict.fromkeys(SILENT, nothing))
@@ -132,7 +132,7 @@ def without_moments(frames: Sequence[Frame]) -> Sequence[Frame]:
 
 
 def wrong(row: Mapping[str, str], path: Path, what: str, remedy: str) -> InputError:
-    """An error naming the row's file and line."""
+    """An InputError that names the row's file and line."""
     return InputError(what, where=f"{path} line {row['line']}", remedy=remedy)
 
 
@@ -142,7 +142,8 @@ TABLES = ("recording.csv", "centrelines.csv", "sweep.csv", "noload.csv", "loads.
 
 
 def refuse_measured(output: Path, root: Path) -> None:
-    """Raises InputError where `output` is a file of the session in `root` that holds measurements, even by force."""
+    """Raises InputError where `output` is a file of measurements of the session in `root`, which even --force may
+    not overwrite."""
     if not os.path.lexists(output):
         return
     place, inside = Path(os.path.realpath(output)), Path(os.path.realpath(root))
@@ -160,7 +161,7 @@ def check_pictures(
     reference: str,
     remedy: str = "use one camera at one resolution throughout",
 ) -> None:
-    """Raises InputError for the first picture that is not whole or has another size than (width, height) px.
+    """Raises InputError for the first picture that is incomplete or has another size than (width, height) px.
 
     Quick, so that bad pictures are reported before the long work and not in the middle of it.
     """
@@ -178,19 +179,19 @@ IN_DEGREES = {"pan_rad": "pan_deg", "tilt_rad": "tilt_deg"}
 
 
 def read_sweep(session: Session) -> list[SweepPicture]:
-    """sweep/sweep.csv: a board fixed in the world, seen while the joints move."""
+    """The pictures in sweep/sweep.csv: a board fixed in the world, seen while the joints move."""
     why = "it gives the joint angles of every picture of the sweep"
     return [picture for _, picture in _pictures(session, "sweep", why, SweepPicture)]
 
 
 def read_noload(session: Session) -> list[Still]:
-    """noload/noload.csv: the free antenna."""
+    """The static frames in noload/noload.csv: the free antenna."""
     why = "calibration needs the free antenna"
     return [frame for _, frame in _pictures(session, "noload", why, Still)]
 
 
 def read_loads(session: Session) -> list[Load]:
-    """loads/loads.csv: the antenna under known loads."""
+    """The static frames in loads/loads.csv: the antenna under known loads."""
     why, loads = "calibration needs known loads, for the stiffness", []
     values, path = ("distance_m", "force_y_N", "force_z_N"), session.root / "loads" / "loads.csv"
     for row, load in _pictures(session, "loads", why, Load, *values):
@@ -206,7 +207,7 @@ def read_loads(session: Session) -> list[Load]:
 def _pictures(
     session: Session, name: str, why: str, kind: type[_Row], *values: str
 ) -> Iterator[tuple[Mapping[str, str], _Row]]:
-    """The rows of a table: picture (no two alike), joint angles, moment, and the columns `values`."""
+    """The rows of a table: picture (all different), joint angles, moment, and the columns `values`."""
     path, lines = session.root / name / f"{name}.csv", dict[Path, str]()
     _require(path, why)
     of_antenna = issubclass(kind, Still)
@@ -231,7 +232,8 @@ def _pictures(
 
 
 def read_recording(session: Session) -> Sequence[Frame]:
-    """recording/recording.csv. With recording/centrelines.csv instead of pictures it needs no image column.
+    """The frames in recording/recording.csv. With recording/centrelines.csv instead of pictures it needs no image
+    column.
 
     Moments may be missing, cell by cell or as a column.
     """
@@ -242,7 +244,7 @@ def read_recording(session: Session) -> Sequence[Frame]:
 
 
 def recording_of(path: Path, *, with_images: bool, cameras: Sequence[str] = ("",)) -> Sequence[Frame]:
-    """As `read_recording`, of any file. Raises InputError with file, line and remedy."""
+    """The frames in any file of the form of recording.csv. Raises InputError with file, line and remedy."""
     pictures = {name: f"image_{name}" if name else "image" for name in cameras if with_images}
     columns = ("frame", "time_s", *pictures.values(), *ANGLES)
     plain = None if with_images else plain_columns(path, columns, tuple(SILENT))
@@ -267,7 +269,7 @@ def recording_of(path: Path, *, with_images: bool, cameras: Sequence[str] = ("",
 
 
 def _is_sound(columns: Mapping[str, np.ndarray]) -> bool:
-    """Whether frames by columns are as `recording_of` wants them."""
+    """Whether frames as columns fulfil what `recording_of` requires."""
     frame, time_s = columns["frame"], columns["time_s"]
     whole = (frame >= 0) & (frame < MOST_WHOLE) & (frame == np.floor(frame))
     angles = np.abs([columns[name] for name in ANGLES]) <= PLAUSIBLE.angle_rad
@@ -276,7 +278,8 @@ def _is_sound(columns: Mapping[str, np.ndarray]) -> bool:
 
 
 def _views(row: Mapping[str, str], path: Path, pictures: Mapping[str, str]) -> dict[str, Any]:
-    """The same with the pictures of several cameras in columns by name, of which some have none. Raises InputError."""
+    """A row's pictures by several cameras, in columns by name, of which some may be empty, with joint angles and
+    time. Raises InputError."""
     taken = [name for name, column in pictures.items() if row[column]]
     first = next(iter(pictures), None)
     if len(pictures) < 2 or not taken:
@@ -287,7 +290,7 @@ def _views(row: Mapping[str, str], path: Path, pictures: Mapping[str, str]) -> d
 
 
 def _view(row: Mapping[str, str], path: Path, column: str | None = "image") -> dict[str, Any]:
-    """A row's picture (relative to the table), joint angles and time. Raises InputError for what cannot be."""
+    """A row's picture (relative to the table), joint angles and time. Raises InputError for impossible values."""
     seen: dict[str, Any] = {"image": path.parent / row[column] if column else None}
     if column and not row[column]:
         raise wrong(row, path, f"{column} is empty", "name the picture")
@@ -303,7 +306,7 @@ def _view(row: Mapping[str, str], path: Path, column: str | None = "image") -> d
 
 
 def _refuse_misspelt(path: Path, wanted: str, known: Sequence[str]) -> None:
-    """Raises InputError for a misspelt optional column `wanted`: its readings would else be ignored in silence."""
+    """Raises InputError for a misspelt optional column `wanted`: its readings would otherwise be ignored silently."""
     header = header_of(path)
     strange = {name.lower(): name for name in header if name not in known}
     close = difflib.get_close_matches(wanted.lower(), strange, n=1, cutoff=0.75)

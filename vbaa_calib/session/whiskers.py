@@ -1,4 +1,4 @@
-"""whiskers.yaml: antennas that clamps of their own hold under one camera, stated instead of calibrated."""
+"""whiskers.yaml: antennas in clamps of their own under one camera, stated instead of calibrated."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ _Curvature = Annotated[Number, Field(ge=-1000, le=1000, description="natural cur
 
 @dataclass(frozen=True)
 class _StraightView:
-    """A camera that looks straight at the plane in which the antennas move. What the scale is off by counts; the
-    distance hardly does."""
+    """A camera that looks perpendicularly at the plane in which the antennas move. An error of the scale matters;
+    one of the distance hardly does."""
 
     image_size: tuple[_Side, _Side]
     mm_per_px: Annotated[Number, Field(gt=0, le=10, description="in the antennas' plane")]
@@ -32,18 +32,18 @@ class _StraightView:
 
     @property
     def focal_px(self) -> float:
-        """Of the lens that gives this scale at this distance."""
+        """Focal length, px, that gives this scale at this distance."""
         return 1e3 * self.distance_m / self.mm_per_px
 
     @property
     def centre_px(self) -> tuple[float, float]:
-        """The picture's middle, above which the world's origin is."""
+        """Pixel of the picture's middle, at which the world's origin is."""
         return (self.image_size[0] - 1) / 2, (self.image_size[1] - 1) / 2
 
 
 @dataclass(frozen=True)
 class StatedAntenna:
-    """An antenna by its material. Its bow is learnt from the frames in which nothing touches it."""
+    """An antenna described by its material. Its bow is estimated from the frames without contact."""
 
     length_m: AnyLength
     diameter_m: Diameter
@@ -68,7 +68,7 @@ class StatedAntenna:
 
 
 class StatedFile(FileModel):
-    """whiskers.yaml."""
+    """The content of whiskers.yaml."""
 
     VERSION = "vbaa.whiskers/1"
     version: Annotated[str, Field(alias="schema")]

@@ -15,7 +15,7 @@ from .live import LiveSource, open_camera, open_stream, parse_camera
 
 
 class PictureSource(Protocol):
-    """Pictures one after the other.
+    """Interface of a source that delivers pictures one after the other.
 
     name : for the screen, without a URL's secrets. notes : messages so far. live : a stream of frames, of which one is
     accepted when the scene rests; else every picture counts.
@@ -26,14 +26,14 @@ class PictureSource(Protocol):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """So far."""
+        """Notes on the pictures so far."""
 
     @property
     def ended(self) -> bool:
         """Whether the source has ended."""
 
     def next(self, timeout_s: float) -> Picture | None:
-        """The next picture, None where there is nothing new in time. Raises SourceLost."""
+        """The next picture; None if there is no new one within the timeout. Raises SourceLost."""
 
     def close(self) -> None:
         """Releases the source; a second call does nothing."""
@@ -43,7 +43,7 @@ _KINDS = "name a folder of pictures, a video, a bag, a camera like camera:0, or 
 
 
 def open_source(text: str, seen: Container[str] = (), wait: bool = False) -> PictureSource:
-    """Open "camera:0", "/dev/video0", the path of a folder or video, or a stream's URL. Raises InputError.
+    """Open a source: "camera:0", "/dev/video0", the path of a folder or video, or a stream's URL. Raises InputError.
 
     seen : names of pictures to skip. wait : watch a folder for more pictures.
     """

@@ -1,4 +1,4 @@
-"""A source's picture; the pictures of a folder that is being filled, and the frames of a video."""
+"""Pictures from files: a folder that is being filled, and the frames of a video."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _FILES = _SourceSettings()
 
 
 def _without_secrets(text: str) -> str:
-    """A URL without user, password (all up to the last @) and tokens."""
+    """A URL without user, password (everything up to the last @) and tokens."""
     secret = r"([?&;][^=&;]*(?:pass|pwd|user|usr|token|key|auth|secret|sig)[^=&;]*=)[^&;#]*"
     return re.sub(secret, r"\1***", re.sub(r"(?s)://.*@", "://***@", text), flags=re.IGNORECASE)
 
@@ -50,12 +50,12 @@ def printable(text: str) -> str:
 
 
 class SourceLost(InputError):
-    """A source gives no more pictures: unplugged, disconnected, removed."""
+    """Raised when a source delivers no more pictures: unplugged, disconnected, removed."""
 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A picture of a source, by a name that is unique within it: a file's, or "frame 12".
+    """A picture of a source, with a name that is unique in it: a file's, or "frame 12".
 
     image : (H, W) uint8 grey, as `core.images.read_gray` reads `data`, which is stored with `suffix`.
     content : a file's bytes, or a frame's pixels, (H, W) grey or (H, W, 3) BGR, uint8. time_s : None for files.
@@ -69,7 +69,7 @@ class Picture:
 
     @cached_property
     def data(self) -> bytes:
-        """The bytes to store: the file's own, or the frame as a colour PNG."""
+        """The bytes to store: the file's own, or the frame encoded as a colour PNG."""
         if isinstance(self.content, bytes):
             return self.content
         done, png = cv2.imencode(".png", self.content, [cv2.IMWRITE_PNG_COMPRESSION, 1])

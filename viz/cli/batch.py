@@ -73,7 +73,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         background = background.resolve()
     results = Results(args.output.resolve())
     results.prepare(args.argv)
-    if not any(is_stream(each.path) for each in recordings) and (wrong := streams.changed_options(args)):
+    if not any(is_stream(each.path) for each in recordings) and (wrong := _changed_options(args)):
         remedy = "leave it out: a session's readings are in recording/recording.csv"
         raise InputError("belongs to bags and videos, of which there are none", where=wrong[0], remedy=remedy)
     settings = BatchSettings(
