@@ -113,7 +113,11 @@ def _refused(mistake: Mistake[Data], error: VbaaError) -> Outcome:
 
 def outcome_of(mistake: Mistake[Data], verdict: Verdict) -> str:
     """What a verdict makes of a mistake."""
-    names = [one.name for one in verdict.findings]
+    # a force that was mistyped is the right cause only where its words say how
+    names = [
+        one.name if one.name != "load_force_mistyped" or re.search(mistake.says, one.words) else "other"
+        for one in verdict.findings
+    ]
     loud = verdict.severity in ("wrong", "doubt")
     if mistake.must == NOTHING:
         # a name that is right is no alarm, but a note

@@ -469,9 +469,9 @@ def _row(what: str, must: str, right: str, altered: Changed) -> Mistake[Taken]:
 
 
 SAYS = {
-    "load_force_unit": r"gram|pound|unit",
+    "load_force_unit": r"gram|pound|unit|9\.81",
     "load_distance": "distance",
-    "load_rows": "exchanged",
+    "load_rows": "exchanged|shows a load",
     "loads_turned": "turned|exchanged|sign",
     "antenna_length": "length",
     "board_scale": "squares|board's size",
@@ -488,7 +488,7 @@ SAYS = {
     "antenna_bent_between": "bent",
 }
 """What an error must say that names the cause of such a finding."""
-FORCE = "load_force_unit"
+FORCE = "load_force_unit load_force_mistyped"
 ROWS = "load_rows_exchanged load_force_mistyped load_distance_mistyped"
 MATERIAL = "stiffness_not_nominal material diameter"
 JIG = "jig jig_slip"
@@ -554,7 +554,7 @@ SESSION = (
     _row("clamp shifted by 1 to 3 mm", NAMED, "clamp_slipped", _worlds(_clamp_shifted, "last")),
     _row("EI 4 to 8 % softer to z", NAMED, "stiffness_uneven", _uneven),
     _row("a free picture that touches", NAMED, "noload_touched noload_row_unexplained", _touched),
-    _row("loads in kilograms", NAMED, f"load_force_mistyped {FORCE}", _forces(lambda f, rng: f / 9.80665)),
+    _row("loads in kilograms", NAMED, FORCE, _forces(lambda f, rng: f / 9.80665)),
     _row("tilt in degrees", NAMED, "joint_readings_wrong", _column("tilt_rad", lambda t, rng: np.rad2deg(t), False)),
     _row("a load that rests on something", NAMED, f"load_supported {ROWS}", _forces(_resting)),
     _row("an antenna that tapers by a half", NAMED, "stiffness_varies", _worlds(_tapered)),
