@@ -141,12 +141,6 @@ def drawn(rig: Rig, touches: Touches) -> Drawing:
     )
 
 
-def seen_pixels(rig: Rig, points_m: np.ndarray) -> np.ndarray:
-    """(..., 2) where the simulator's lens shows points (..., 3) of the antenna frame."""
-    lens = Lens(rig.camera.model, rig.camera.image_size, rig.camera.matrix, rig.camera.distortion)
-    return project(lens, rig.T_antenna_camera.inverse() @ points_m)
-
-
 POINTS = 200
 STEP_PX = 0.05
 

@@ -159,10 +159,6 @@ if TYPE_CHECKING:
 
 RECORDED, PICTURED, TAKEN = "recording", "pictures", "session"
 TABLES: dict[str, Sequence[Mistake[Any]]] = {RECORDED: RECORDING, PICTURED: PICTURES, TAKEN: SESSION}
-_LOUD = 5.0
-"""Standard deviations beyond which a row that counts as located is wrong."""
-
-
 @dataclass(frozen=True)
 class Row:
     """One mistake on one rig.

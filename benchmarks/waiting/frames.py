@@ -21,8 +21,6 @@ JOINTS_RAD = 0.4
 RUBBED = 0.5
 """Share of the frames with friction, where there is any."""
 TRUE_RIGS = 20
-ALIKE = "another rig's antenna"
-"""Of the frames that fit nothing those that nearly do: only noise and rig can tell."""
 SIZE = 1280, 720
 """Of pictures, px."""
 
@@ -76,26 +74,6 @@ def population(
         for own in np.array_split(every, 1 if exact else min(TRUE_RIGS, frames))
     ]
     return Judged(joined(parts), bound(seen(rig, every), friction_rad).std[:, 0])
-
-
-def fitting_nothing(rig: Rig, given: dict[str, np.ndarray], seed: int) -> dict[str, dict[str, np.ndarray]]:
-    """Frames of the rig (B, N, 2) made into some that no contact explains, by what is wrong with them."""
-    rng, points = np.random.default_rng(seed), given["points_px"]
-    size, clamp = np.array(rig.camera.image_size, float), points[:, :1]
-    middle, around = rng.uniform(0.3, 0.7, (len(points), 1, 2)) * size, np.linspace(0.0, 2.0 * np.pi, points.shape[1])
-    round_px = rng.uniform(0.1, 0.3, (len(points), 1, 2)) * size[1] * np.stack([np.cos(around), np.sin(around)], -1)
-    another = Setup(tilt_rad=np.radians(60.0), azimuth_rad=ACROSS, image_size=rig.camera.image_size, real=True).rig()
-    kinds = {
-        "u and v swapped": points[..., ::-1],
-        "u in another order": np.stack([rng.permuted(points[..., 0], axis=1), points[..., 1]], -1),
-        "random points": rng.uniform(0.0, size, points.shape),
-        "noise of 50 px": points + rng.normal(0.0, 50.0, points.shape),
-        "a random walk": middle + np.cumsum(rng.normal(0.0, 3.0, points.shape), axis=1),
-        "a round outline": middle + round_px + rng.normal(0.0, rig.image.noise_px, points.shape),
-        "twice as long": 2.0 * points - clamp,
-        ALIKE: population(another, len(points), seed, points=points.shape[1]).given["points_px"],
-    }
-    return {kind: given | {"points_px": np.ascontiguousarray(those)} for kind, those in kinds.items()}
 
 
 def photographed(count: int, seed: int) -> tuple[Rig, dict[str, np.ndarray]]:
