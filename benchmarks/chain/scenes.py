@@ -20,7 +20,7 @@ from benchmarks.vision.scenes import PLAIN, bare_studio, variance
 from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.render.antenna import Tube, tube, tube_patch
 from vbaa_calib.simulate.render.picture import LAMP_WORLD, Studio, digitise, expose
-from vbaa_calib.simulate.scene.lens import Lens, project
+from vbaa_calib.simulate.scene.lens import Lens
 
 SIZES = ((512, 512), (1280, 720))
 RIGS = {"exact": True, "calibrated": False}

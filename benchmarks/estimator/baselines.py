@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 
 from benchmarks.estimator.scenes import Scenes
-from estimator.paper.inclined import inclined_two_point_contact, project
-from estimator.paper.two_point import straight_line_contact, two_point_contact
+from estimator.paper.two_point import straight_line_contact
 from vbaa_calib.antenna.rungs import curves
-from vbaa_calib.camera import CameraOnPlane
 
 FIRST_GUESS = 0.7
 """Of the length: beyond it the first straight line is drawn."""
+
+
 def at_shares(scenes: Scenes, ends: tuple[float, float]) -> np.ndarray:
     """(B, 2) indices of the points that lie nearest to the places that `PARTS` names."""
     contact, length = scenes.distance_m[:, None], scenes.rig.antenna.length_m

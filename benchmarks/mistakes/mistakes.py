@@ -159,6 +159,8 @@ if TYPE_CHECKING:
 
 RECORDED, PICTURED, TAKEN = "recording", "pictures", "session"
 TABLES: dict[str, Sequence[Mistake[Any]]] = {RECORDED: RECORDING, PICTURED: PICTURES, TAKEN: SESSION}
+
+
 @dataclass(frozen=True)
 class Row:
     """One mistake on one rig.

@@ -12,7 +12,6 @@ from scipy.stats import chi2, norm
 from benchmarks.estimator.setup import drawn_truth
 from benchmarks.figures import AMBER, GREEN, INK, RED, VIOLET, label, legend, panels
 from benchmarks.harness import Draws, Findings, Options, column, mean_of, or_none, rms_known, row_of, table
-from benchmarks.object import onset
 from benchmarks.object.scenes import CASES, RIGID, SETUP, SOFT, SOFTER, Case, Recorded, contacts, played
 from estimator.object.estimate import ObjectEstimate, estimate_object
 from estimator.table.contacts import FRICTION_RAD
@@ -289,23 +288,15 @@ def _figure(rows: Sequence[ObjectRow]) -> Figure:
     return drawn
 
 
-_FREE_FRAMES_PER_DRAW = {False: 2_000, True: 600}
-"""Frames without contact in which a first contact would be a false alarm, for each recording of a kind."""
-
-
 def measure(options: Options) -> Findings:
-    """Every cell, false alarms and first contacts; a draw is one recording of each."""
+    """Every cell; a draw is one recording of each."""
     draws, seed = options.draws, options.seed
     rows = run(draws, seed, _few_cells() if options.quick else cells())
-    alarms = onset.alarms(_FREE_FRAMES_PER_DRAW[options.quick] * draws, seed)
-    onsets = onset.onsets(draws, seed, onset.SPEEDS_M_S[:: 3 if options.quick else 1])
     met, worst = sum(not row.misses for row in rows), max(row.surface_mm for row in rows)
-    imagined, frames = sum(row.alarms for row in alarms), sum(row.frames for row in alarms)
     return Findings(
-        f"{_as_text(rows, draws)}\n\n{onset.as_text(alarms, onsets)}",
-        {"object.csv": rows, "object_alarms.csv": alarms, "object_onsets.csv": onsets},
+        _as_text(rows, draws),
+        {"object.csv": rows},
         {"object.png": lambda: _figure(rows)},
-        {"rows": rows, "alarms": alarms, "onsets": onsets},
-        f"{met} of {len(rows)} cells meet every goal; surface within {worst:.2f} mm rms; "
-        f"{imagined} first contacts imagined in {frames} free frames",
+        {"rows": rows},
+        f"{met} of {len(rows)} cells meet every goal; surface within {worst:.2f} mm rms",
     )

@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.chain.scenes import cell
 from benchmarks.estimator.bound import bound
 from benchmarks.estimator.scenes import Scenes, joined, push_for_deflection, rod_shapes, rolled, scenes
-from benchmarks.estimator.setup import ACROSS, Setup, drawn_truth
+from benchmarks.estimator.setup import drawn_truth
 from vbaa_calib.rig import Rig
 
 REACH, DEFLECTION_M, ROLL_RAD = (0.3, 0.8), (0.004, 0.008), np.radians(60.0)
