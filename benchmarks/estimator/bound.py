@@ -149,7 +149,8 @@ def _by_rig(scenes: Scenes, index: int, normal: np.ndarray) -> tuple[np.ndarray,
     """Slopes (B, N + 1) and (B, 3) by one of the rig's parameters; of the lens in steps of a tenth deviation."""
     rig, steps = scenes.rig, np.zeros(0)
     for number, one in enumerate(rig.cameras.values()):
-        deviations = np.sqrt(np.diag(one.covariance)[len(RIG_PARAMETERS) :])
+        covariance = one.covariance if number else one.covariance_with_tip
+        deviations = np.sqrt(np.diag(covariance)[len(RIG_PARAMETERS) :])
         first = _RIG_STEPS[: len(POSE_PARAMETERS) if number else None]
         steps = np.concatenate([steps, first, np.where(deviations > 0.0, 0.1 * deviations, STEP)])
     size = steps[index]
