@@ -9,6 +9,7 @@ from vbaa_calib.core.threads import in_threads
 from vbaa_calib.native import core
 
 from .frames import Frames
+from .linearised import with_usual_axes
 from .numbers import FitNumbers
 from .rig_arrays import UNKNOWNS
 
@@ -24,11 +25,13 @@ def solve(
     starts = np.full((len(frames), UNKNOWNS), np.nan) if warm is None else np.ascontiguousarray(warm, float)
     pieces = np.empty(0) if pieces_m is None else np.ascontiguousarray(pieces_m, float)
     rung = -1 if model == "auto" else RUNGS.index(model)
+    rigs = with_usual_axes(rig_arrays).core, rig_arrays.core, rig_arrays.exact.core
 
     def work(begin: int, end: int) -> None:
-        core.solver.solve(rig_arrays.core, rig_arrays.exact.core, frames, begin, end, rung, starts, pieces, found)
+        core.solver.solve(rigs, frames, begin, end, rung, starts, pieces, found)
 
     in_threads(work, len(frames), jobs)
+    found.rig_axes[:] = rig_arrays.steps
     return found
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -70,6 +72,73 @@ def bend(frames: Frames, rung: str, unknowns: np.ndarray, steps: np.ndarray | No
         flat[:, 3] * rig_arrays.friction_rad,
         rig_arrays.rig.antenna.taper,
     )
+
+
+@lru_cache(maxsize=8)
+def with_usual_axes(rig_arrays: RigArrays, unseen: float = 0.05) -> RigArrays:
+    """The same rig's errors in fewer axes: those that frames of an antenna as large as the picture, a point a pixel,
+    can tell from none.
+
+    unseen : information about a step of unit deviation, at most, along the axes that are left out.
+    """
+    shared, others = rig_arrays.axes.shape[1], UNKNOWNS + rig_arrays.line.size
+
+    def columns(axes: int) -> int:
+        """As the core has them, in whole vectors."""
+        return int(-(-(others + axes) // core.solver.LANES) * core.solver.LANES)
+
+    if columns(shared) == columns(0):
+        return rig_arrays
+    frames, unknowns = _typical(rig_arrays)
+    found = _information_of_axes(linearised(frames, RUNGS[-1], unknowns), shared)
+    axes = np.linalg.eigh(found.mean(axis=0))[1][:, ::-1]
+    most = np.einsum("bij,ik,jk->bk", found, axes, axes, optimize=True).max(axis=0)
+    needed = max(np.flatnonzero(most > unseen).tolist(), default=-1) + 1
+    if columns(needed) == columns(shared):
+        return rig_arrays
+    axes = np.ascontiguousarray(rig_arrays.axes @ axes[:, : columns(needed) - others])
+    return replace(rig_arrays, axes=axes, most_information=float((1.0 / frames.covariance[0, :, 0]).sum()))
+
+
+def _information_of_axes(there: LinearisedFrames, shared: int) -> np.ndarray:
+    """(B, R, R) what frames tell of the steps along R axes, by points, readings, and the contact that is sought."""
+    # full weight for the readings, which these frames do not have
+    less = 1.0 - core.solver.HUBER / np.maximum(np.abs(there.residual), core.solver.HUBER)
+    information = there.information + np.swapaxes(there.readings, 1, 2) @ (less[..., None] * there.readings)
+    touch = there.columns
+    variance = ((touch @ np.linalg.inv(information)) * touch).sum(axis=-1, keepdims=True)
+    touch = (touch / np.sqrt(np.maximum(variance, 1e-30)))[..., UNKNOWNS : UNKNOWNS + shared]
+    own = slice(UNKNOWNS, UNKNOWNS + shared)
+    return np.asarray(information[:, own, own] - np.eye(shared) + np.swapaxes(touch, 1, 2) @ touch)
+
+
+def _typical(rig_arrays: RigArrays) -> tuple[Frames, np.ndarray]:
+    """Frames that show contacts all over the antenna under gravity from all sides, and their unknowns (B, 4)."""
+    rig = rig_arrays.rig
+    tried = (0.25, 0.5, 0.75, 1.0), (0.05, 0.2), 2.0 * np.pi * np.arange(3) / 3
+    # the distance, the tip's deflection, both in antenna lengths, and the force's direction
+    distance, tip, turn = (each.ravel() for each in np.meshgrid(*tried))
+    # the tip's small deflection by a unit force, in antenna lengths
+    force = tip / (rig_arrays.unit_load * distance**2 * (3.0 - distance) / 6.0)
+    unknowns = np.stack([distance, force * np.cos(turn), force * np.sin(turn), 0.0 * force], axis=1)
+    count, read = len(unknowns), len(rig_arrays.std)
+    sides = np.concatenate([np.eye(3), -np.eye(3)]) * float(np.linalg.norm(rig.gravity_world_m_s2))
+    seen = [one.T_antenna_camera.inverse() for one in rig.cameras.values()]
+    size = len(seen) * core.solver.NODES
+    camera = np.tile(np.repeat(np.arange(len(seen)), core.solver.NODES), (count, 1))
+    std = [one.image.noise_px / np.sqrt(np.prod(np.diag(one.camera.matrix)[:2])) for one in rig.cameras.values()]
+    shares = [core.solver.NODES / max(one.camera.image_size) for one in rig.cameras.values()]
+    variance = (np.array(std) ** 2 * np.array(shares))[camera][..., None] * np.array([1.0, 0.0, 1.0])
+    ends = np.zeros((count, 2)), np.tile([1.0, 0.0, 1.0], (count, 1))
+    nothing = np.zeros((count, read)), *ends, np.ones((count, read)), sides[np.arange(count) % len(sides)]
+    empty = Frames(
+        rig_arrays, np.zeros((count, size, 2)), variance, np.ones((count, size)), *nothing, camera, camera[:, 0].copy()
+    )
+    nodes_m = bend(empty, RUNGS[-1], unknowns[:, None]).points_m
+    places = np.concatenate([each @ nodes_m for each in seen], axis=1)
+    usable = places[..., 2] > 0.0
+    points = np.where(usable[..., None], places[..., :2] / np.where(usable, places[..., 2], 1.0)[..., None], 0.0)
+    return replace(empty, points=np.ascontiguousarray(points), usable=usable * 1.0), unknowns
 
 
 class FreeAntennas(NamedTuple):

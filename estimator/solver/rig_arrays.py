@@ -39,6 +39,7 @@ class RigArrays:
         a wrench sensor.
     line : (V, L) deviations of the found line's errors that neighbours share, in each camera's ideal picture: its
         offset, slope and curvature, or none. They are the last of the R + V L steps of each frame, which has its own.
+    most_information : sum of one over the variances of a frame's ideal points up to which the axes are enough.
     """
 
     rig: Rig
@@ -48,6 +49,7 @@ class RigArrays:
     by_wrench: np.ndarray
     by_sensor: np.ndarray
     line: np.ndarray
+    most_information: float = np.inf
 
     @staticmethod
     def from_rig(rig: Rig, friction_rad: float, drift: bool = True) -> RigArrays:
@@ -67,7 +69,10 @@ class RigArrays:
         """The core's: `structs.hpp` says what its fields mean."""
         rig = self.rig
         fields = SimpleNamespace(
-            **{name: getattr(self, name) for name in ("friction_rad", "axes", "by_wrench", "by_sensor")},
+            **{
+                name: getattr(self, name)
+                for name in ("friction_rad", "axes", "by_wrench", "by_sensor", "most_information")
+            },
             length_m=self.length_m,
             radius_m=0.5 * rig.antenna.diameter_m,
             force_unit_N=self.force_unit_N,

@@ -66,8 +66,8 @@ Rig rig_of(nb::handle object, const nb::tuple& cameras) {
     require(cameras.size() > 0, "a rig has a camera");
     read_numbers(object, "length_m", rig.length_m, "radius_m", rig.radius_m, "friction_rad", rig.friction_rad,
                  "force_unit_N", rig.force_unit_N, "unit_load", rig.unit_load, "tip_offset_m", rig.tip_offset_m,
-                 "stiffness_Nm2", rig.stiffness_Nm2, "with_tip", rig.with_tip, "with_wrench", rig.with_wrench,
-                 "with_lens", rig.with_lens, "readings", rig.readings);
+                 "stiffness_Nm2", rig.stiffness_Nm2, "most_information", rig.most_information, "with_tip", rig.with_tip,
+                 "with_wrench", rig.with_wrench, "with_lens", rig.with_lens, "readings", rig.readings);
     read_copies(object, "antenna_parameters", rig.antenna_parameters, "antenna_steps", rig.antenna_steps,
                 "by_pose_step", rig.by_pose_step, "std", rig.std, "by_wrench", rig.by_wrench);
     require(rig.readings == solver::USUAL_READINGS || rig.readings == solver::READINGS, "readings must be 3 or 7");
@@ -120,14 +120,13 @@ Frames frames_of(const Rig& rig, nb::handle object) {
 
 solver::Numbers numbers_of(nb::handle object, int count) {
     solver::Numbers n;
-    read(object, std::array{count}, "points", n.points, "evaluations", n.evaluations, "rung", n.rung, "rig_axes",
-         n.rig_axes, "outliers", n.outliers, "converged", n.converged, "at_tip", n.at_tip, "finite", n.finite,
-         "ambiguous", n.ambiguous, "marginal", n.marginal, "shared_std", n.shared_std, "friction_share",
-         n.friction_share, "tip_std", n.tip_std, "cost", n.cost, "rig_chi_square", n.rig_chi_square, "evidence",
-         n.evidence, "scatter", n.scatter, "condition", n.condition, "alternative_cost", n.alternative_cost,
-         "second_gain", n.second_gain, "second_place", n.second_place, "second_shift", n.second_shift, "edge_on_rad",
-         n.edge_on_rad, "drift_px", n.drift_px, "drift_readings", n.drift_readings, "left_px", n.left_px, "farthest",
-         n.farthest);
+    read(object, std::array{count}, "points", n.points, "evaluations", n.evaluations, "rung", n.rung, "outliers",
+         n.outliers, "converged", n.converged, "at_tip", n.at_tip, "finite", n.finite, "ambiguous", n.ambiguous,
+         "marginal", n.marginal, "shared_std", n.shared_std, "friction_share", n.friction_share, "tip_std", n.tip_std,
+         "cost", n.cost, "rig_chi_square", n.rig_chi_square, "evidence", n.evidence, "scatter", n.scatter, "condition",
+         n.condition, "alternative_cost", n.alternative_cost, "second_gain", n.second_gain, "second_place",
+         n.second_place, "second_shift", n.second_shift, "edge_on_rad", n.edge_on_rad, "drift_px", n.drift_px,
+         "drift_readings", n.drift_readings, "left_px", n.left_px, "farthest", n.farthest);
     read(object, std::array{count, solver::READINGS - 1}, "sensor_available", n.sensor_available, "residual",
          n.residual, "residual_std", n.residual_std);
     read(object, std::array{count, 3}, "point_m", n.point_m, "force_N", n.force_N, "tangent", n.tangent, "deflection_m",
@@ -141,16 +140,24 @@ solver::Numbers numbers_of(nb::handle object, int count) {
     return n;
 }
 
-void solve(const Rig& rig, const Rig& exact, nb::handle frames_, int begin, int end, int rung, InMatrix warm,
-           InVector pieces_m, nb::handle numbers_) {
-    const Frames frames = frames_of(rig, frames_);
+// rigs: for usual frames, for all, and exact.
+void solve(const nb::tuple& rigs_, nb::handle frames_, int begin, int end, int rung, InMatrix warm, InVector pieces_m,
+           nb::handle numbers_) {
+    require(rigs_.size() == 3, "rigs must be three");
+    const auto rig = [&](int index) -> const Rig& { return nb::cast<const Rig&>(rigs_[index]); };
+    const solver::Rigs rigs = {rig(0), rig(1), rig(2)};
+    const auto alike = [&](const Rig& other) {
+        return other.cameras.size() == rigs.usual.cameras.size() && other.readings == rigs.usual.readings;
+    };
+    require(alike(rigs.complete) && alike(rigs.exact), "rigs differ in more than their axes");
+    const Frames frames = frames_of(rigs.usual, frames_);
     const solver::Numbers numbers = numbers_of(numbers_, frames.size());
     require(0 <= begin && end <= frames.size(), "begin and end must be frames");
     require(solver::AUTO <= rung && rung <= solver::ROD, "no such rung");
     require(view(warm).shape == std::array{frames.size(), UNKNOWNS}, "warm must be (B, 4)");
     require(pieces_m.size() == 0 || pieces_m.size() == solver::PIECES, "another number of pieces is tested");
     Released released;
-    solver::solve_frames(rig, exact, frames, begin, end, rung, view(warm), view(pieces_m), numbers);
+    solver::solve_frames(rigs, frames, begin, end, rung, view(warm), view(pieces_m), numbers);
 }
 
 void rough(const Rig& rig, nb::handle frames_, OutMatrix unknowns, OutCube points_m) {
@@ -293,6 +300,8 @@ void bind_solver(nb::module_& module) {
     room.attr("SMALL_BIAS") = solver::SMALL_BIAS;
     room.attr("PIECES") = solver::PIECES;
     room.attr("NODES") = solver::NODES;
+    room.attr("LANES") = LANES;
+    room.attr("HUBER") = solver::HUBER;
     room.attr("END") = static_cast<int>(solver::END);
 }
 

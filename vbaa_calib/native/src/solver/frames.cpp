@@ -50,6 +50,12 @@ Frame frame_of(const Frames& frames, int index) {
     return frame;
 }
 
+double information_of(const Frame& frame) {
+    double total = 0.0;
+    for (int i = 0; i < frame.count; ++i) total += 2.0 / (frame.xx()[i] + frame.yy()[i]);
+    return total;
+}
+
 Thinned thinned(const Frame& frame, int most) {
     const int every = std::max(frame.count / most, 1);
     Thinned few = {frame, every};

@@ -21,6 +21,9 @@ struct Frames {
 
 Frame frame_of(const Frames& frames, int index);
 
+// Sum of one over the points' variances in the ideal picture.
+double information_of(const Frame& frame);
+
 // Every n-th point of a frame, about `most` of them, and n.
 struct Thinned {
     Frame frame;

@@ -280,18 +280,19 @@ void solve_frame(const Rig& rig, const Rig& exact, const Frame& frame, int model
 
 }  // namespace
 
-void solve_frames(const Rig& rig, const Rig& exact, const Frames& frames, int begin, int end, int rung,
-                  ConstMatrix warm, ConstVector pieces_m, const Numbers& numbers) {
+void solve_frames(const Rigs& rigs, const Frames& frames, int begin, int end, int rung, ConstMatrix warm,
+                  ConstVector pieces_m, const Numbers& numbers) {
     thread_local Room room, few;  // a call with one frame would take longer to make them than for all else
-    Uncertainty found(rig.steps());
     for (int index = begin; index < end; ++index) {
         const Frame frame = frame_of(frames, index);
+        const Rig& rig = information_of(frame) > rigs.usual.most_information ? rigs.complete : rigs.usual;
+        Uncertainty found(rig.steps());
         Work& work = room.of(rig, frame.count);
         work.evaluations = work.most = 0;
         begin_search(work);
         Unknowns start;
         std::copy_n(warm.row(index).data, UNKNOWNS, start.begin());
-        solve_frame(rig, exact, frame, rung, start, pieces_m, numbers, index, found, work, few);
+        solve_frame(rig, rigs.exact, frame, rung, start, pieces_m, numbers, index, found, work, few);
     }
 }
 

@@ -9,10 +9,15 @@ namespace vbaa::solver {
 // The highest rung's answer, and with it the lowest rung that would have been good enough.
 constexpr int AUTO = -1;
 
+// A rig for frames of usual information, with all axes for any, and as if it were known exactly.
+struct Rigs {
+    const Rig &usual, &complete, &exact;
+};
+
 // Fits the frames from `begin` to `end`, each by itself, on a rung or AUTO, into rows of `numbers`.
 // warm: (B, 4) unknowns near the truth where finite. pieces_m: (PIECES,) arc lengths, if motion is tested, else none.
-void solve_frames(const Rig& rig, const Rig& exact, const Frames& frames, int begin, int end, int rung,
-                  ConstMatrix warm, ConstVector pieces_m, const Numbers& numbers);
+void solve_frames(const Rigs& rigs, const Frames& frames, int begin, int end, int rung, ConstMatrix warm,
+                  ConstVector pieces_m, const Numbers& numbers);
 
 // Rough minima (B, 4) on a low rung, and the antennas' nodes there (B, M, 3), antenna frame.
 void rough_frames(const Rig& rig, const Frames& frames, Matrix unknowns, Cube points_m);

@@ -255,7 +255,6 @@ void write_numbers(const Rig& rig, const Frame& frame, const Uncertainty& found,
     for (int i = 0; i < fit.points; ++i)
         largest = std::max(largest, fit.distance[i] * fit.distance[i] * fit.precision[i]);
     numbers.rig_chi_square[row] = chi_square;
-    numbers.rig_axes[row] = fit.size - UNKNOWNS;
     numbers.converged[row] = fit.converged;
     numbers.at_tip[row] = fit.at_tip;
     numbers.scatter[row] = fit.scatter;

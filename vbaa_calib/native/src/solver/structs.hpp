@@ -78,9 +78,10 @@ struct Rig {
     double by_wrench[READINGS][WRENCH];  // the readings, in σ, by force, moment and 1; 0 for a missing one
     // (S, READINGS, WRENCH) that by a unit of the sensor's parameters: OF_MOMENT, and then those before the tip's
     Array<double, 3> by_sensor;
-    int more_at, tip_at;    // where the sensor's parameters beyond OF_MOMENT and the tip's stand among the rig's
-    int shared;             // R independent axes of the rig's errors, which all frames share
-    Array<double, 2> axes;  // (Q, R) steps of the Q parameters of unit σ, each row filled with zeros to whole vectors
+    int more_at, tip_at;      // where the sensor's parameters beyond OF_MOMENT and the tip's stand among the rig's
+    double most_information;  // that its axes are enough for, see `information_of`
+    int shared;               // R independent axes of the rig's errors, which all frames share
+    Array<double, 2> axes;    // (Q, R) steps of the Q parameters of unit σ, each row filled with zeros to whole vectors
 
     // nodes of all pictures of the antenna, one camera's after the other's
     int nodes() const { return NODES * static_cast<int>(cameras.size()); }
