@@ -70,6 +70,7 @@ class RecordingSettings:
     contradicting: float = 0.5  # the same from which those that are left are not believed, either
 
     # pictures in the wrong rows
+    compared: int = 64  # rows with pictures that are compared at once
     places: int = 8  # along the antenna, by which its pictures are compared
     fewest_places: int = 3  # of them that both show
     jumps: float = 0.7  # distance of a picture from the mean of its neighbours, over theirs from each other,

@@ -55,8 +55,7 @@ class RecordingVerdict:
 _Kept = tuple[int, Measured, np.ndarray]
 """A frame that is kept: its number, and the readings (2, 8) of the rows before and after."""
 _Pictured = tuple[int, np.ndarray, float, np.ndarray]
-"""A row, how far the antenna lies from its straight line at places along it (K,) px, NaN where it is not seen, the
-points' standard deviation, and the readings (8,)."""
+"""A row, the points of its antenna (N, 2) px, their standard deviation, and the readings (8,)."""
 _Jump = tuple[int, np.ndarray, np.ndarray, float]
 """A row with a picture that lies off the mean of its neighbours as far as these are apart, while the readings go on
 smoothly: its antenna (K,), that mean (K,), and how far off it is, px."""
@@ -75,6 +74,7 @@ class RecordingWatch:
         self._spread: list[_Kept] = []
         self._stride = 1
         self._before: Measured | None = None
+        self._read = np.full(8, np.nan)  # its readings
         self._pictured: Measured | None = None  # the row in which the present picture was seen first
         self._repeated: list[int] = []
         self._limits = (np.inf, -np.inf)
@@ -84,7 +84,7 @@ class RecordingWatch:
         self._turned: Counter[str] = Counter()  # pictures that show one only otherwise, by how
         self._apart_s: deque[float] = deque(maxlen=64)
         self._axis = _image_of_axis(self.rig)
-        self._three: deque[_Pictured] = deque(maxlen=3)
+        self._pictures: list[_Pictured] = []  # rows that are yet to be compared, after the last two that were
         self._jumps: list[_Jump] = []
 
     def push(self, measured: Measured, contact: Contact | None = None) -> None:
@@ -106,17 +106,20 @@ class RecordingWatch:
         if before is not None and measured.time_s > before.time_s:
             self._apart_s.append(measured.time_s - before.time_s)
         sigma_px = float(measured.sigma_px[len(measured.sigma_px) // 2]) if len(measured.sigma_px) else np.nan
-        self._three.append((self.count, _lateral_px(*self._axis, measured.points_px), sigma_px, now))
-        if len(self._three) == 3 and len(self._jumps) < self.settings.most_jumps:
-            found = _jump(self._three, self.rig.moment_sensor.std_Nm)
-            self._jumps += [] if found is None else [found]
+        self._pictures.append((self.count, measured.points_px, sigma_px, now))
+        if len(self._pictures) >= self.settings.compared:
+            self._compare()
         if len(measured.points_px) >= self.settings.fewest_points:
             self._seen += 1
-            around = np.full((2, 8), np.nan)
-            if before is not None:
-                around[0] = _readings(before)
-            self._keep((self.count, measured, around))
-        self._before, self.count = measured, self.count + 1
+            self._keep((self.count, measured, np.array([self._read, np.full(8, np.nan)])))
+        self._before, self._read, self.count = measured, now, self.count + 1
+
+    def _compare(self) -> None:
+        """Search the rows that wait for jumps."""
+        if len(self._jumps) < self.settings.most_jumps:
+            found = _jumps(self._axis, self._pictures, self.rig.moment_sensor.std_Nm)
+            self._jumps += found[: self.settings.most_jumps - len(self._jumps)]
+        self._pictures = self._pictures[-2:]
 
     def _keep(self, frame: _Kept) -> None:
         if len(self._first) < self.settings.first:
@@ -240,6 +243,7 @@ class RecordingWatch:
 
     def _exchanged(self) -> list[int]:
         """Rows with pictures that belong to each other's readings, in pairs."""
+        self._compare()
         seldom = len(self._jumps) <= max(self.settings.seldom * self.count, 2)
         return [row for pair in _exchanged(self._jumps) for row in pair] if seldom else []
 
@@ -339,39 +343,46 @@ def _image_of_axis(rig: Rig) -> tuple[np.ndarray, np.ndarray]:
     return clamp, tip
 
 
-def _lateral_px(clamp: np.ndarray, tip: np.ndarray, points_px: np.ndarray) -> np.ndarray:
-    """(K,) distances of a line's points (N, 2) from the straight one from clamp to tip, at places along that."""
-    settings = RecordingSettings()
-    points = points_px[:: max(len(points_px) // (4 * settings.places), 1)]
-    length = math.hypot(*(tip - clamp))
-    if not length > 0.0 or len(points) < settings.fewest_points:
-        return np.full(settings.places, np.nan)
+def _lateral_px(clamp: np.ndarray, tip: np.ndarray, lines_px: Sequence[np.ndarray]) -> np.ndarray:
+    """(B, K) distances of lines' points (N, 2) from the straight one from clamp to tip, at places along that."""
+    settings, length = RecordingSettings(), math.hypot(*(tip - clamp))
+    found = np.full((len(lines_px), settings.places), np.nan)
+    if not length > 0.0:
+        return found
+    thin = [points[:: max(len(points) // (4 * settings.places), 1)] for points in lines_px]
     along = (tip - clamp) / length
-    at, off = np.stack([along, [-along[1], along[0]]]) @ (points - clamp).T
-    order = np.argsort(at)  # missing ones come last, and there is nothing
-    places = length * np.linspace(0.0, 1.0, settings.places + 1)[1:]
-    return np.interp(places, at[order], off[order], left=np.nan, right=np.nan)
+    at, off = np.array([along, [-along[1], along[0]]]) @ (np.concatenate(thin) - clamp).T
+    places, begin = length * np.linspace(0.0, 1.0, settings.places + 1)[1:], 0
+    for row, points in zip(found, thin, strict=True):
+        own = slice(begin, begin := begin + len(points))
+        if len(points) >= settings.fewest_points:
+            order = np.argsort(at[own])  # missing ones come last, and there is nothing
+            row[:] = np.interp(places, at[own][order], off[own][order], left=np.nan, right=np.nan)
+    return found
 
 
-def _jump(three: Sequence[_Pictured], moment_std_Nm: float) -> _Jump | None:
-    """The second of three rows in order, if it is one; the sensor's noise is what readings may scatter by."""
-    settings = RecordingSettings()
-    (_, before, _, read_before), (row, now, sigma_px, read), (_, after, _, read_after) = three
-    around = 0.5 * (before + after)
-    size, apart = _unlike(now, around), _unlike(before, after)
-    if not (size > settings.jumps * apart and size > settings.jump_sigma * sigma_px):
-        return None
-    off = np.abs(read - 0.5 * (read_before + read_after))
-    noise = np.where(np.arange(len(off)) < len(off) - 2, settings.varies_std * moment_std_Nm, settings.varies_rad)
-    smooth = off <= np.abs(read_before - read_after) + noise
-    return (row, now, around, size) if smooth[np.isfinite(off)].all() else None
+def _jumps(axis: tuple[np.ndarray, np.ndarray], rows: Sequence[_Pictured], moment_std_Nm: float) -> list[_Jump]:
+    """Those of rows in order but the first and the last; the sensor's noise is what readings may scatter by."""
+    settings, (number, lines_px, sigma_px, read) = RecordingSettings(), zip(*rows, strict=True)
+    if len(rows) < 3:
+        return []
+    lateral, read = _lateral_px(*axis, lines_px), np.array(read)
+    around = 0.5 * (lateral[:-2] + lateral[2:])
+    size, apart = _unlike(lateral[1:-1], around), _unlike(lateral[:-2], lateral[2:])
+    off = np.abs(read[1:-1] - 0.5 * (read[:-2] + read[2:]))
+    joint = np.arange(off.shape[1]) >= off.shape[1] - 2
+    noise = np.where(joint, settings.varies_rad, settings.varies_std * moment_std_Nm)
+    # what is not read says nothing
+    smooth = ~(off > np.abs(read[:-2] - read[2:]) + noise).any(axis=1)
+    found = smooth & (size > settings.jumps * apart) & (size > settings.jump_sigma * np.array(sigma_px[1:-1]))
+    return [(number[1 + k], lateral[1 + k], around[k], float(size[k])) for k in np.flatnonzero(found).tolist()]
 
 
 def _exchanged(jumps: Sequence[_Jump]) -> list[tuple[int, int]]:
     """Pairs of rows with pictures that fit between each other's neighbours, each row once, in the best pair."""
     pairs = []
     for (row, here, around, size), (other_row, there, other_around, other_size) in combinations(jumps, 2):
-        left = max(_unlike(here, other_around), _unlike(there, around))
+        left = float(max(_unlike(here, other_around), _unlike(there, around)))
         pairs.append((left / min(size, other_size), row, other_row))
     found: list[tuple[int, int]] = []
     for _, *rows in sorted(pair for pair in pairs if pair[0] < RecordingSettings.fits):
@@ -380,11 +391,13 @@ def _exchanged(jumps: Sequence[_Jump]) -> list[tuple[int, int]]:
     return found
 
 
-def _unlike(one_px: np.ndarray, other_px: np.ndarray) -> float:
-    """Rms distance of two lines where both are seen; NaN where that is hardly anywhere."""
-    off = [each for each in (one_px - other_px).tolist() if each == each]
-    enough = len(off) >= RecordingSettings.fewest_places
-    return math.hypot(*off) / math.sqrt(len(off)) if enough else math.nan
+def _unlike(one_px: np.ndarray, other_px: np.ndarray) -> np.ndarray:
+    """(...) rms distance of lines (..., K) where both are seen; NaN where that is hardly anywhere."""
+    square = (one_px - other_px) ** 2
+    seen = np.isfinite(square)
+    count = seen.sum(axis=-1)
+    mean = np.where(seen, square, 0.0).sum(axis=-1) / np.maximum(count, 1)
+    return np.where(count >= RecordingSettings.fewest_places, np.sqrt(mean), np.nan)
 
 
 def recording_verdict(rig: Rig, several: Sequence[Measured], contacts: Sequence[Contact]) -> Verdict:
