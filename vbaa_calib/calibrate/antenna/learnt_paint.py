@@ -12,7 +12,7 @@ from vbaa_calib.core.polyline import arc_lengths, offsets_from
 from vbaa_calib.detect.whisker.centreline import Centreline, Visibility
 from vbaa_calib.detect.whisker.contrast import coloured
 from vbaa_calib.detect.whisker.finder import AntennaFinder
-from vbaa_calib.detect.whisker.paint import VISIBLE, Paint
+from vbaa_calib.detect.whisker.paint import PLACES, VISIBLE, Paint
 from vbaa_calib.detect.whisker.profile import measure_on
 
 from .settings import AntennaSettings
@@ -75,8 +75,11 @@ class _Tried:
                 # the thin part of an antenna that tapers has noise alone
                 half = len(line.points_px) // 2
                 thick = line.points_px[: half if taper < 0.0 else None][half if taper > 0.0 else 0 :]
-                offsets.append(np.sqrt(np.mean(offsets_from(between.guide_px, thick)[1] ** 2)))
-        thickest = width * (1.0 + 0.25 * abs(taper))
+                # light pulls stretches of a line, noise its points
+                parts = np.array_split(offsets_from(between.guide_px, thick)[1], PLACES)
+                offsets.append(np.sqrt(np.mean([np.mean(one) ** 2 for one in parts if len(one)])))
+        # a thinner one has no two edges that are known better
+        thickest = max(width * (1.0 + 0.25 * abs(taper)), AntennaSettings.two_edges_px)
         both = bool(offsets) and float(np.median(offsets)) > AntennaSettings.off_middle * thickest
         return replace(self, paint=replace(self.paint, both_edges=both))
 
