@@ -1,4 +1,4 @@
-"""The board as the user describes it, checked once: ChArUco, AprilGrid, chessboard or grid of circles."""
+"""Specifications of calibration boards, checked once: ChArUco, AprilGrid, chessboard or grid of circles."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class _OfSquares:
 
     @property
     def corner_columns(self) -> int:
-        """Corners in a line."""
+        """Number of corners in a row."""
         return self.squares_x - 1
 
     @property
@@ -138,16 +138,16 @@ class BoardSpec(_OfSquares):
 
     @property
     def has_one_reading(self) -> bool:
-        """Whether a picture of the whole board shows which corner is which."""
+        """Whether a picture of the whole board identifies the corners: always, by the markers."""
         return True
 
     @property
     def starts_with_marker(self) -> bool:
-        """Whether the first square holds a marker: in the legacy pattern with an even number of rows."""
+        """Whether the first square contains a marker: in the legacy pattern with an even number of rows."""
         return self.legacy_pattern and self.squares_y % 2 == 0
 
     def to_dict(self) -> dict[str, Any]:
-        """The mapping `board` of session.yaml, or a board.yaml."""
+        """The mapping `board` of session.yaml, or of a board.yaml."""
         described = _described({"type": self.type, **asdict(self)})
         listed = described.pop("ids")
         return described if listed is None else described | {"ids": list(listed)}
@@ -167,7 +167,7 @@ class Chessboard(_OfSquares):
 
     @property
     def has_one_reading(self) -> bool:
-        """Whether a picture of the whole board shows which corner is which: by the corner with a black square."""
+        """Whether a picture of the whole board identifies the corners, by the one with a black square."""
         return (self.squares_x + self.squares_y) % 2 == 1
 
     @property
@@ -176,7 +176,7 @@ class Chessboard(_OfSquares):
         return _lattice(self.squares_x - 1, self.squares_y - 1) + 1
 
     def to_dict(self) -> dict[str, Any]:
-        """A board.yaml."""
+        """The content of board.yaml."""
         return asdict(self)
 
 
@@ -199,12 +199,12 @@ class CircleGrid:
 
     @property
     def has_one_reading(self) -> bool:
-        """Whether a picture of the whole board shows which circle is which: by its shape."""
+        """Whether a picture of the whole board identifies the circles, by the board's shape."""
         return self.type == "asymmetric_circles" and self.rows % 2 == 1
 
     @property
     def lattice(self) -> np.ndarray:
-        """(corner_count, 2) place of each circle, in spacings from the first one."""
+        """(corner_count, 2) coordinates of each circle, in spacings from the first one."""
         places = _lattice(self.columns, self.rows)
         if self.type == "asymmetric_circles":
             places[:, 0] = 2 * places[:, 0] + places[:, 1] % 2
@@ -220,13 +220,13 @@ class CircleGrid:
         return self.columns * self.rows
 
     def to_dict(self) -> dict[str, Any]:
-        """A board.yaml."""
+        """The content of board.yaml."""
         return asdict(self)
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class AprilGrid:
-    """Kalibr's AprilGrid: tags in columns and rows, with black squares where their corners meet.
+    """Kalibr's AprilGrid: tags in columns and rows, with black squares at their corners.
 
     Board frame: origin at the upper left corner of the upper left tag, x along its row, y down, z away from the viewer.
     Corners are numbered along the lines of corners from there; tags from the lower left one, row by row upwards.
@@ -254,7 +254,7 @@ class AprilGrid:
 
     @property
     def has_one_reading(self) -> bool:
-        """Whether a picture of the whole board shows which corner is which."""
+        """Whether a picture of the whole board identifies the corners: always, by the tags."""
         return True
 
     @property
@@ -281,17 +281,17 @@ class AprilGrid:
 
     @property
     def starts_with_marker(self) -> bool:
-        """Whether the first square of the print holds a marker: the rim begins with a black one."""
+        """Whether the print begins with a marker: no, the border begins with a black square."""
         return False
 
     @property
     def pitch_m(self) -> float:
-        """Least distance of neighbouring corners."""
+        """Smallest distance of neighbouring corners."""
         return self.tag_m * self.spacing
 
     @property
     def corner_columns(self) -> int:
-        """Corners in a line."""
+        """Number of corners in a row."""
         return 2 * self.columns
 
     @property
@@ -300,19 +300,19 @@ class AprilGrid:
 
     @property
     def lattice(self) -> np.ndarray:
-        """(corner_count, 2) place of each corner, in sides of a tag from the first one."""
+        """(corner_count, 2) coordinates of each corner, in sides of a tag from the first one."""
         step = _lattice(2 * self.columns, 2 * self.rows)
         return step // 2 * (1.0 + self.spacing) + step % 2
 
     def to_dict(self) -> dict[str, Any]:
-        """A board.yaml."""
+        """The content of board.yaml."""
         described = _described(asdict(self))
         if not self.thickness_m:
             del described["thickness_m"]
         return described
 
     def drawing(self, tag_px: int) -> np.ndarray:
-        """The print, (H, W) uint8, 0 black and 255 white, its gaps rounded to whole pixels.
+        """The print as (H, W) uint8, 0 black and 255 white, with gaps rounded to whole pixels.
 
         tag_px : side of a tag, a multiple of `modules`. Kalibr's tags are turned by half against OpenCV's.
         """
@@ -354,7 +354,7 @@ BOARDS: dict[str, type[Board]] = {
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class BoardPoints:
-    """A board of which only the points (K, 3) m are known, in its frame, z = 0 but for what it is bent by."""
+    """A board known only by its points (K, 3) m in its frame, with z = 0 except for its deformation."""
 
     points_m: np.ndarray
 
@@ -383,7 +383,7 @@ def _require_std(stretch: float, stretch_std: float | None) -> None:
 
 
 def _described(fields: dict[str, Any]) -> dict[str, Any]:
-    """The fields of a board without those that most have at their defaults."""
+    """The fields of a board, without those that are usually at their defaults."""
     usual = {name for name in ("stretch", "stretch_std") if fields["stretch_std"] is None}
     usual |= set() if fields["first_id"] else {"first_id"}
     return {name: value for name, value in fields.items() if name not in usual}
@@ -416,5 +416,5 @@ def corner_points(spec: Board | BoardPoints) -> np.ndarray:
 
 
 def spec_line(spec: Board) -> str:
-    """The specification as one line of YAML: what the QR code holds, and a board.yaml as it stands."""
+    """The specification as one line of YAML, for the QR code; it is a valid board.yaml."""
     return yaml.safe_dump(spec.to_dict(), default_flow_style=True, sort_keys=False, width=10**6).strip()

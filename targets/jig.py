@@ -23,7 +23,7 @@ Box = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
 
 def _mesh(added: Sequence[Box], removed: Sequence[Box] = ()) -> np.ndarray:
-    """(T, 3, 3) triangles of boxes less other boxes, mm, anticlockwise from outside."""
+    """(T, 3, 3) triangles of boxes minus other boxes, mm, counter-clockwise from outside."""
     axes = [np.unique([end for box in (*added, *removed) for end in box[axis]]) for axis in range(3)]
     middles = [0.5 * (axis[1:] + axis[:-1]) for axis in axes]
 
@@ -84,8 +84,8 @@ def _clamp(wire_mm: float, screws_mm: float = 8.0, pilot_mm: float = 2.5) -> dic
 
 
 def _tray(plate_mm: tuple[float, float], back_mm: float, gap_mm: float, wall_mm: float = 3.0) -> np.ndarray:
-    """A tray with a floor that carries the plate's back at a height, a gap off the clamp's front, two walls that stop
-    it, and a fork that goes round the clamp with 0.15 mm of play."""
+    """A tray with a floor that supports the plate's back at a height, a gap in front of the clamp, two walls that
+    stop it, and a fork around the clamp with 0.15 mm of play."""
     length, width, height = _clamp_mm()
     across, half = 0.5 * width + 0.15, 0.5 * plate_mm[1]
     floor = (back_mm - wall_mm, back_mm)

@@ -11,7 +11,7 @@ from .board import BoardSpec, BoardWithIds
 
 @dataclass(frozen=True)
 class _ScaleSettings:
-    """When the rulers of a sheet say that it was printed at another scale."""
+    """Tolerances of the rulers' readings, beyond which a sheet was printed at another scale."""
 
     reading_std_mm: float = 0.25  # standard deviation of one reading with a ruler
     significant: float = 3.0  # standard deviations from which a scale differs from 1, or from the other axis
@@ -27,7 +27,7 @@ SCALE = _ScaleSettings()
 
 @dataclass(frozen=True)
 class PrintScale:
-    """Scale of a print: measured over nominal length of its rulers.
+    """Scale of a print: measured over nominal length of its rulers, in both directions.
 
     Attributes
     ----------

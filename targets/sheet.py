@@ -60,7 +60,7 @@ SHEET = _PrintSettings()
 
 @dataclass(frozen=True)
 class _Paper:
-    """A sheet of paper, upright: `width_mm` ≤ `height_mm`. `name` is how it was asked for."""
+    """A sheet of paper, upright: `width_mm` ≤ `height_mm`. name : as the user gave it."""
 
     name: str
     width_mm: float
@@ -86,8 +86,7 @@ def paper_named(text: str) -> _Paper:
 
 @dataclass(frozen=True)
 class Shape:
-    """A black area: outlines in mm, filled where a ray crosses them an uneven number of times (SVG's and PDF's
-    `evenodd`)."""
+    """A black area: outlines in mm, filled by the even–odd rule (SVG's and PDF's `evenodd`)."""
 
     loops: tuple[Loop, ...]
 
@@ -105,7 +104,7 @@ class Stroke:
 
 @dataclass(frozen=True)
 class Label:
-    """Text on a baseline that starts or is centred at (x, y) mm; `turned` reads upwards."""
+    """Text on a baseline that starts or is centred at (x, y) mm; `turned` text reads upwards."""
 
     x: float
     y: float
@@ -147,7 +146,7 @@ def _title(spec: BoardWithIds) -> str:
 
 
 def spec_document(spec: BoardWithIds, note: str = "") -> str:
-    """board.yaml, with a comment on top."""
+    """The text of board.yaml, with a comment on top."""
     head = f"# {_title(spec)}" + (f", {note}" if note else "")
     return f"{head}\n{yaml.safe_dump(spec.to_dict(), sort_keys=False)}"
 
@@ -173,7 +172,7 @@ PT_PER_MM = 72 / 25.4
 
 @dataclass(frozen=True)
 class SheetLayout:
-    """A sheet's measures, mm, from the page's upper left corner.
+    """Dimensions of a sheet, mm, from the page's upper left corner.
 
     board_x, board_y : the board's first corner. quiet : least white margin around the board.
     ruler_x, ruler_y : lengths of the rulers along x and y.
@@ -197,7 +196,7 @@ class SheetLayout:
 
     @property
     def ruler(self) -> float:
-        """Room for a ruler, across it."""
+        """Space for a ruler, across it, mm."""
         return SHEET.ruler_mm * self.size
 
     @property
@@ -215,7 +214,7 @@ def font_name(bold: bool) -> str:
 
 
 def lay_out(spec: BoardWithIds, paper: _Paper, margin_mm: float = SHEET.margin_mm) -> SheetLayout:
-    """The sheet for a board on a paper, in the orientation that leaves more room.
+    """The layout of a board on a paper, in the orientation that leaves more space.
 
     Raises ValueError if it does not fit, with the largest fitting square and the smallest sufficient paper.
     """

@@ -19,7 +19,7 @@ from .sheet import PT_PER_MM, Drawing, Label, Loop, Shape, SheetLayout, Stroke, 
 
 @dataclass(frozen=True)
 class _RulerSettings:
-    """How a ruler is drawn, mm; and limits of a picture of the board."""
+    """Dimensions of a ruler, mm; and limits of a board's picture."""
 
     tick_width_mm: float = 0.12
     end_width_mm: float = 0.2  # of the two lines to measure between
@@ -82,7 +82,7 @@ def _board_shapes(spec: BoardWithIds) -> list[tuple[Loop, ...]]:
 
 
 def _grid_shapes(spec: AprilGrid) -> list[tuple[Loop, ...]]:
-    """Those of an AprilGrid: Kalibr turns its tags by half against OpenCV's."""
+    """Outlines of an AprilGrid's squares and tags: Kalibr rotates its tags by half a turn relative to OpenCV's."""
     tag, gap = 1e3 * spec.tag_m, 1e3 * spec.pitch_m
     spots = [(column, row) for row in range(spec.rows + 1) for column in range(spec.columns + 1)]
     unit = _outlines(np.ones((1, 1), bool))
@@ -127,7 +127,7 @@ def _ruler_origin(layout: SheetLayout) -> tuple[float, float, float, float]:
 
 
 def _ruler(layout: SheetLayout, turned: bool) -> Iterator[Stroke | Label]:
-    """The ruler along x, or turned that along y: line, ticks, numbers and unit."""
+    """The ruler along x, or `turned` the one along y: line, ticks, numbers and unit."""
     right, low, left, up = _ruler_origin(layout)
     size, letters = layout.size, layout.size * _RULER.number_mm
     length = layout.ruler_y if turned else layout.ruler_x
@@ -149,7 +149,7 @@ def _ruler(layout: SheetLayout, turned: bool) -> Iterator[Stroke | Label]:
 
 
 def as_pdf(drawing: Drawing) -> bytes:
-    """The PDF; the same drawing gives the same bytes."""
+    """The PDF of a drawing; the same drawing gives the same bytes."""
     stream = io.BytesIO()
     size = drawing.width_mm * PT_PER_MM, drawing.height_mm * PT_PER_MM
     canvas = Canvas(stream, pagesize=size, invariant=1, pageCompression=1, lang="en")
@@ -190,7 +190,7 @@ def _put(canvas: Canvas, mark: Shape | Stroke | Label, height: float) -> None:
 
 
 def as_svg(drawing: Drawing) -> str:
-    """The SVG; one user unit is one millimetre."""
+    """The SVG of a drawing; one user unit is one millimetre."""
     width, height = (_number(side) for side in (drawing.width_mm, drawing.height_mm))
     return "\n".join(
         [
@@ -231,7 +231,7 @@ def _number(value: float) -> str:
 
 @dataclass(frozen=True)
 class _ScreenBoard:
-    """A board in pixels: sides of its squares and markers, and the white around it, all whole numbers.
+    """A board in pixels: sides of its squares and markers, and the white margin, all whole numbers.
 
     `spec` has the sizes that it really has on that screen. Of an AprilGrid a square is a tag with its gap.
     """

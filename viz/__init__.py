@@ -1,1 +1,1 @@
-"""Results to look at: scenes, pages, object files and reports."""
+"""Presentation of results: scenes, pages, object files and reports."""

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class LensModel:
-    """A lens model's name in camera.json, its coefficients in file order, and how many of them there may be."""
+    """A lens model: its name in camera.json, its coefficients in file order, and the numbers of them that are
+    allowed."""
 
     name: str
     coefficient_names: tuple[str, ...]
@@ -19,7 +20,7 @@ class LensModel:
 
     @property
     def is_fisheye(self) -> bool:
-        """Whether it lays directions out at their angle from the axis, not on the z = 1 plane."""
+        """Whether the model maps the angle from the axis, not the position on the plane z = 1."""
         return self.name == "fisheye"
 
 

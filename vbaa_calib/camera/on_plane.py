@@ -1,4 +1,4 @@
-"""Pixels to metres on a plane that the camera sees: the metric layer, as a torch module. Loads torch."""
+"""Pixels to metres on a plane in the camera's view: the metric layer, as a torch module. Loads torch."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .tensors import pixel_to_ray
 
 
 class CameraOnPlane(torch.nn.Module):
-    """Where the rays of pixels meet a plane, in metres.
+    """Intersections of pixels' rays with a plane, in metres.
 
     Lens, camera pose and plane are buffers in float64: they move with `.to(device)`, stay float64 when the network
     around them is cast (`.half()`, `.float()`), and become part of the graph when they are made to require gradients
@@ -64,13 +64,13 @@ class CameraOnPlane(torch.nn.Module):
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
-        """What `calibration_jacobian` differentiates by: the camera's parameters, then the pose's."""
+        """The parameters of `calibration_jacobian`: the camera's, then the pose's."""
         # the camera's small motion as `Pose.retract` takes it: rad, then m, antenna frame
         motion = tuple(f"{kind}_{axis}" for kind in ("rotation", "translation") for axis in "xyz")
         return self.camera.parameter_names + motion
 
     def forward(self, pixels: ArrayT) -> tuple[ArrayT, ArrayT]:
-        """The same as `project`."""
+        """Coordinates and validity, as `project`."""
         return self.project(pixels)
 
     def project(self, pixels: ArrayT) -> tuple[ArrayT, ArrayT]:
@@ -81,7 +81,7 @@ class CameraOnPlane(torch.nn.Module):
         return self._answer(pixels, self.axes)
 
     def points(self, pixels: ArrayT) -> tuple[ArrayT, ArrayT]:
-        """The same points (..., 3) m in the antenna frame, and validity (...)."""
+        """Points (..., 3) m on the plane, antenna frame, at pixels (..., 2), and validity (...)."""
         return self._answer(pixels, torch.eye(3, dtype=torch.float64))
 
     def pixel_jacobian(self, pixels: ArrayT) -> ArrayT:

@@ -90,7 +90,7 @@ def silence_opencv() -> None:
 
 
 def frame_picture(name: str, pixels: np.ndarray, time_s: float) -> Picture:
-    """A frame (H, W) grey or (H, W, 3) BGR, uint8, as a picture."""
+    """A picture from a frame (H, W) grey or (H, W, 3) BGR, uint8."""
     # libpng's grey of blue, green and red, which truncates; half a level less makes OpenCV's rounding do that
     weights = np.array([[3737 / 2**15, 19234 / 2**15, 9797 / 2**15, 2**-16 - 0.5]])
     gray = pixels if pixels.ndim == 2 else cv2.transform(pixels, weights)
@@ -99,7 +99,8 @@ def frame_picture(name: str, pixels: np.ndarray, time_s: float) -> Picture:
 
 @dataclass(frozen=True)
 class FolderSettings:
-    """Times between scans of a folder, until an unchanged file counts as complete, and, unreadable, as broken."""
+    """Time between scans of a folder, and times after which an unchanged file counts as complete or, if unreadable,
+    as broken."""
 
     scan_s: float = 0.25
     steady_s: float = 0.5
@@ -108,7 +109,8 @@ class FolderSettings:
 
 @dataclass(frozen=True)
 class _Watched:
-    """State of a file that is not offered yet: size and time, since when; whether reading failed, and was reported."""
+    """State of a file that has not been delivered yet: size and modification time, since when, whether reading it
+    failed, and whether that was reported."""
 
     state: tuple[int, int]
     since_s: float
@@ -148,11 +150,11 @@ class FolderSource:
 
     @property
     def ended(self) -> bool:
-        """Whether all files of the start were offered or reported; never with `wait`."""
+        """Whether all files of the first scan were delivered or reported; never with `wait`."""
         return not self._wait and all(watched.reported or name in self._seen for name, watched in self._watched.items())
 
     def next(self, timeout_s: float) -> Picture | None:
-        """The next whole picture. Raises SourceLost when the folder is gone."""
+        """The next complete picture. Raises SourceLost when the folder is gone."""
         until_s = time.monotonic() + timeout_s
         while True:
             # scanning thousands of files takes long: not while some are ready
@@ -171,10 +173,10 @@ class FolderSource:
             time.sleep(min(left_s, self._pace.scan_s))
 
     def close(self) -> None:
-        """Nothing stays open."""
+        """Does nothing, since no file stays open."""
 
     def _unchanging(self) -> list[str]:
-        """Names, in order, of unchanging files to try: once, and once more when patience ends."""
+        """Names of unchanging files to read, in order: each is tried once, and once more when it counts as broken."""
         now_s = time.monotonic()
         unchanging = []
         for name, watched in sorted(self._watched.items()):
@@ -187,7 +189,7 @@ class FolderSource:
         return unchanging
 
     def _read(self, name: str) -> Picture | None:
-        """The picture; None if it is incomplete, with a note when patience ends."""
+        """The picture in a file; None if that is incomplete, with a note once it counts as broken."""
         path, watched = self._folder / name, self._watched[name]
         try:
             data = path.read_bytes() if watched.state[0] <= _FILES.most_bytes else None
@@ -262,7 +264,7 @@ class FolderSource:
         return name not in self._given and name not in self._seen
 
     def _state(self, name: str) -> tuple[int, int] | None:
-        """Size and time of a regular file, else None."""
+        """Size and modification time of a regular file; None for others."""
         try:
             status = os.stat(os.path.join(self._folder, name))
         except OSError:
@@ -275,14 +277,14 @@ _AGAIN = "record or copy it again, or turn it into a folder of pictures"
 
 @lru_cache
 def _frame_size(path: Path, *_: int) -> tuple[float, float]:
-    """(width, height) px of a video that has not changed since. Raises ValueError for one that cannot be read."""
+    """(width, height) px of a video, cached until the file changes. Raises ValueError for one that cannot be read."""
     width, height = read_in_child(read_video_head, path)["size"].tolist()
     return width, height
 
 
 def _refuse_large(path: Path) -> None:
-    """Raises InputError for a video that takes more memory than any reader may, opened in a process of its own first:
-    a small file may announce frames that fill the memory."""
+    """Raises InputError for a video with frames beyond the memory limit, found in a process of its own, since a
+    small file may announce frames that fill the memory."""
     require_file(path, "video")
     status = path.stat()
     try:
@@ -295,12 +297,13 @@ def _refuse_large(path: Path) -> None:
 
 
 class VideoSource:
-    """Every frame of a video, named by its index; none is dropped. Taken when the scene rests, like a live stream."""
+    """Every frame of a video, named by its index. In the wizard frames are taken when the scene is at rest, as from
+    a live stream."""
 
     live = True
 
     def __init__(self, path: Path, seen: Container[str] = ()) -> None:
-        """Raises InputError if the file is no readable video."""
+        """Raises InputError if the file is not a readable video."""
         silence_opencv()
         self.name = printable(path.name)
         self.notes: tuple[str, ...] = ()
@@ -317,7 +320,7 @@ class VideoSource:
         self._fps = fps if 1 <= fps <= 1000 else _FILES.usual_fps
 
     def skip(self) -> None:
-        """Leave the next frame out."""
+        """Skip the next frame."""
         if not self.ended:
             self._stamp()
             self._advance()
@@ -345,7 +348,7 @@ class VideoSource:
         self._capture.release()
 
     def _stamp(self) -> float:
-        """The frame's time since the video began, s; one frame after the last if the file has none."""
+        """The frame's time since the video's beginning, s; one frame interval after the last if the file has none."""
         time_s = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
         if not math.isfinite(time_s) or time_s < 0 or time_s <= self._time_s:
             time_s = 0.0 if self._index == 0 else self._time_s + 1 / self._fps

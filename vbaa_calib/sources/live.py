@@ -1,4 +1,4 @@
-"""The newest frames of a local camera or a network stream (rtsp, http, udp and others)."""
+"""The latest frames of a local camera or a network stream (rtsp, http, udp and others)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _Fault = Literal["closed", "blank", "broken", "hung"]
 
 @dataclass(frozen=True)
 class StreamSettings:
-    """How long a device may take, and how often it may fail."""
+    """Timeouts of a device, and the number of failures after which it is abandoned."""
 
     open_s: float = 10.0  # timeout of the first frame
     silence_s: float = 5.0  # timeout of the next frame
@@ -40,7 +40,7 @@ class StreamSettings:
 
 
 class LiveSource:
-    """The newest frames of a device, read by a thread; frames that are not fetched in time are dropped.
+    """The latest frames of a device, read by a thread; frames that are not fetched in time are dropped.
 
     Names count from 0 and skip those in `seen`. start_s : time of opening by `time.monotonic`, the zero of frame times.
     dropped : number of dropped frames. queued : how many of the newest frames may wait; more than one: all are decoded.
@@ -93,12 +93,13 @@ class LiveSource:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """How it is set up; then, as they come, its breaks."""
+        """Notes on the device's settings, then on interruptions as they happen."""
         broke_off = f"{self.name} broke off; it is opened again as soon as it can be"
         return (*self.settings, *[broke_off] * min(self._breaks, self._patience.listed_breaks))
 
     def frame(self, timeout_s: float) -> tuple[np.ndarray, float] | None:
-        """The newest frame, waited for if necessary, as it came: pixels, and when since `start_s`; None if none comes.
+        """The latest frame, after waiting for one if necessary: pixels, and its time since `start_s`; None if none
+        comes.
 
         Raises SourceLost if the device is gone.
         """
@@ -109,7 +110,7 @@ class LiveSource:
         return frame
 
     def next(self, timeout_s: float) -> Picture | None:
-        """The same as a picture."""
+        """The latest frame as a picture; None if none comes."""
         frame = self.frame(timeout_s)
         if frame is None:
             return None
@@ -120,11 +121,11 @@ class LiveSource:
 
     @property
     def waiting(self) -> int:
-        """How many frames could be fetched now."""
+        """Number of frames that can be fetched at once."""
         return len(self._frames)
 
     def forget(self) -> None:
-        """Leave out what has come so far, as if the device had only begun."""
+        """Discard the frames so far."""
         with self._changed:
             self._first, self.dropped = None, 0
             self._frames.clear()
@@ -138,12 +139,12 @@ class LiveSource:
         return kind(what, where=self.name, remedy=remedy)
 
     def _fault_now(self) -> _Fault | None:
-        """Why no more frames come; None while they may."""
+        """The reason why no more frames come; None while they may."""
         with self._changed:
             return "hung" if self._fault is None and time.monotonic() > self._due_s else self._fault
 
     def _newest(self, timeout_s: float) -> tuple[np.ndarray, float] | None:
-        """A new frame and its time; None if none comes in time, or for a fault."""
+        """A new frame and its time; None if none comes in time, or after a fault."""
         until_s = time.monotonic() + timeout_s
         with self._changed:
             self._wanted = True
@@ -206,7 +207,7 @@ class LiveSource:
         return "broken" if frames else "blank", frames
 
     def _grab(self, capture: cv2.VideoCapture) -> np.ndarray | None:
-        """The next frame's pixels, empty if it is not wanted; None without a frame."""
+        """The next frame's pixels, empty for a frame that is not wanted; None without a frame."""
         try:
             if not capture.grab():
                 return None
@@ -221,7 +222,7 @@ class LiveSource:
         return pixels[..., 0] if pixels.shape[2:] == (1,) else pixels
 
     def _taken_s(self, capture: cv2.VideoCapture) -> float:
-        """When the last frame was taken, by `time.monotonic`: as a V4L2 driver stamped it, else now."""
+        """Time of the last frame's capture by `time.monotonic`: the V4L2 driver's stamp, else the present time."""
         now_s = time.monotonic()
         try:
             stamp_s = 1e-3 * capture.get(cv2.CAP_PROP_POS_MSEC) if self.stamped else -1.0
@@ -247,7 +248,7 @@ _CAMERA_FAULTS: dict[_Fault, tuple[str, str]] = {
 
 
 def parse_camera(text: str) -> tuple[int | str, dict[str, Any]]:
-    """The device (OpenCV's index or a file) and its settings, from the text behind "camera:". Raises InputError."""
+    """The device (OpenCV's index or a file) and its settings, from the text after "camera:". Raises InputError."""
     device, _, query = text.partition("?")
     where, settings = f"camera:{printable(text)}", dict[str, Any]()
     like = "write it like camera:0 or camera:0?width=1920&height=1080&fourcc=MJPG"

@@ -20,7 +20,7 @@ from .bags import BagWriter, Logged
 
 @dataclass(frozen=True, eq=False)
 class BagLens:
-    """What CameraInfo says: size (width, height), matrix (3, 3), distortion (k,) in OpenCV's order, its model."""
+    """Content of CameraInfo: size (width, height), matrix (3, 3), distortion (k,) in OpenCV's order, and its model."""
 
     image_size: tuple[int, int]
     matrix: np.ndarray
@@ -42,8 +42,8 @@ def refuse_bag(path: Path, force: bool) -> None:
 
 
 def write_recording(path: Path, session: Path, lenses: Mapping[str, BagLens]) -> None:
-    """The pictures of a session's recording as CompressedImage, the moment as WrenchStamped, the joints as JointState,
-    and CameraInfo, at the recording's times. lenses : by the cameras' names, the first camera's first."""
+    """Write a session's recording at its own times: the pictures as CompressedImage, the moment as WrenchStamped,
+    the joints as JointState, and CameraInfo. lenses : by the cameras' names, the first camera first."""
     frames = read_recording(load_session(session))
     if path.suffix:
         with replacing(path) as temporary:
@@ -69,7 +69,7 @@ def _write(path: Path, frames: Iterable[Frame], lenses: Mapping[str, BagLens]) -
 
 
 def _logged(frame: Frame, lenses: Mapping[str, BagLens]) -> Iterator[Logged]:
-    """What is logged of a frame: the readings first, as they come while the picture is read out."""
+    """The messages of one frame: the readings first, because they arrive while the picture is read out."""
     # a bag begins a second after the clock's zero: a stamp of zero means none
     time_ns = 1_000_000_000 + round(1e9 * frame.time_s)
     wrench: dict[str, dict[str, float]] = {"torque": {}, "force": {}}

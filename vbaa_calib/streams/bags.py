@@ -33,7 +33,7 @@ from .messages import MESSAGES, Messages, MessageSource, Reading, Taken
 
 @dataclass(frozen=True)
 class _BagSettings:
-    """Limits of what is read from a bag, and what contradicts the rig."""
+    """Limits of what is read from a bag, and tolerances of its agreement with the rig."""
 
     piece_bytes: int = 50_000_000  # that one chunk may unpack to, and
     piece_factor: int = 10  # in addition, times its packed size: copied four times, this stays within a child's memory
@@ -49,7 +49,8 @@ _REMEDY = "record it with chunks of some megabytes, as rosbag2 does"
 
 
 def _check_bag(path: Path, metadata: dict[str, Any]) -> None:
-    """Opens a bag in a process of its own, with limits of time and memory. metadata : of a bag that is a folder.
+    """Opens a bag in a process of its own, with limits of time and memory. metadata : of a bag that is a folder;
+    None for a file.
 
     Raises InputError for one that cannot be opened within them.
     """
@@ -67,7 +68,7 @@ def _check_bag(path: Path, metadata: dict[str, Any]) -> None:
 
 
 def _check_files(path: Path, names: Any) -> None:
-    """Raises InputError for a bag of packed files that unpack to more than a child may have: they go to the disk."""
+    """Raises InputError for a bag of compressed files that unpack, onto the disk, to more than the limit."""
     zstd, unpacked, packed = _rosbags().mcap.zstd, 0, 0
     for file in {path / Path(str(name)).name for name in names}:
         if file.is_file():
@@ -81,7 +82,7 @@ def _check_files(path: Path, names: Any) -> None:
 
 
 def _bound_unpacking() -> None:
-    """From now on rosbags unpacks no more of a chunk or message than is allowed.
+    """Limit the size to which rosbags unpacks a chunk or message, from now on.
 
     It offers no other way: its functions are replaced by such as raise InputError.
     """
@@ -115,8 +116,8 @@ def _bounded(opened: Callable[[BytesIO], Any]) -> Callable[..., bytes]:
 
 
 def _refuse_bombs(reader: Any, path: Path) -> None:
-    """Raises InputError for an opened bag that holds far more than its file: chunks of an MCAP file that are open at
-    once, rows of a database that are computed or share their bytes."""
+    """Raises InputError for an opened bag that contains far more than its file's size: chunks of an MCAP file that
+    are open at once, rows of a database that are computed or share their bytes."""
     whole = [one.storage for one in reader.readers if hasattr(one, "storage")]  # a file, or a folder of several
     for storage in (each for one in whole for each in getattr(one, "storages", [one])):
         size = storage.path.stat().st_size
@@ -179,7 +180,7 @@ _ENCODINGS: dict[str, tuple[str, int, int | None]] = {
 
 @dataclass(frozen=True)
 class Topics:
-    """Which topics to take, and what in them. "": the only one of its kind.
+    """The topics to read from a bag, and the fields in them; "" stands for the only topic of its kind.
 
     images : of several cameras, by name. pan, tilt : names of the joints. moment_axis : the component of a wrench's
     torque that is the moment, such as y or -y: of the right-handed torque about the antenna's y, the moment x·f_z −
@@ -199,14 +200,14 @@ class Topics:
     images: Mapping[str, str] = field(default_factory=dict)
 
     def check_cameras(self, cameras: Collection[str]) -> None:
-        """Raises InputError for a topic of a camera that is none of these."""
+        """Raises InputError for a topic named for another camera than these."""
         if unknown := [name for name in self.images if name not in cameras]:
             has = f"cameras {', '.join(cameras)}" if len(cameras) > 1 else "one camera, whose role is image"
             raise InputError(f"--topic is '{unknown[0]}={self.images[unknown[0]]}'", remedy=f"the rig has {has}")
 
     @staticmethod
     def of(named: Mapping[str, str], *, degrees: bool = False) -> Topics:
-        """Topics, joints and axis by their names here."""
+        """The topics from their names on the command line: topics, joints and axis."""
         values: dict[str, Any] = {**named, "degrees": degrees}
         return Topics(**values)
 
@@ -214,7 +215,7 @@ class Topics:
 def open_bag(
     path: Path, topics: Topics, camera: Camera | Mapping[str, Camera] | None, offset_s: float | None = 0.0
 ) -> MessageSource:
-    """The pictures and readings of a bag, in the order in which they were logged.
+    """The pictures and readings of a bag, in the order of logging.
 
     camera : the rig's, or several by name: one that CameraInfo or the topic's name shows to be another is refused. Of
     several, a camera's topic is the one with its name in between slashes, unless `topics` names it. offset_s : what
@@ -273,7 +274,7 @@ def open_bag(
     ros = standard.deserialize_ros1 if files[0].suffix == ".bag" else standard.deserialize_cdr
 
     def parts(topic: str, message: Any, arrived_s: float) -> Iterator[Taken | Reading]:
-        """What a message holds. Raises InputError for one that cannot be read."""
+        """The pictures and readings in a message. Raises InputError for one that cannot be read."""
         role = wanted[topic]
         if role == "image":
             at_s, image = stamp_s(message, arrived_s), picture_of(message)
@@ -325,7 +326,8 @@ def open_bag(
 def _image_topics(
     path: Path, topics: Topics, cameras: Mapping[str, Camera | None], kinds: Mapping[str, str | None]
 ) -> dict[str, str]:
-    """Topic of pictures → its camera's name; "" of the only one. Raises InputError where there is none, or several."""
+    """Topic of pictures → its camera's name, "" for the only one. Raises InputError where there is none, or no
+    unique one."""
     topics.check_cameras(cameras)
     named = dict(topics.images)
     if len(cameras) > 1 and not topics.image:
@@ -344,7 +346,7 @@ def _image_topics(
 
 
 def _unreadable(topic: str, role: str, error: Exception, path: Path) -> InputError:
-    """What to say of a topic of which no message can be read."""
+    """The error for a topic of which no message can be read."""
     what, remedy = getattr(error, "what", str(error)), getattr(error, "remedy", None)
     if role == "image":
         remedy = remedy or "record them as Image, or as CompressedImage of JPEG or PNG"
@@ -353,13 +355,14 @@ def _unreadable(topic: str, role: str, error: Exception, path: Path) -> InputErr
 
 
 def _in_degrees(topic: str, far: Reading, path: Path) -> InputError:
-    """What to say of a joint that is further than a turn."""
+    """The error for a joint angle of more than a turn."""
     what = f"{topic} has {far.channel.removesuffix('_rad')} at {far.value:g} rad, more than a turn: in degrees?"
     return InputError(what, where=path, remedy="give --degrees if they are, or name other joints (--pan-joint)")
 
 
 def _refuse_two_clocks(lags: Mapping[str, Sequence[float]], offset_s: float, path: Path) -> None:
-    """Raises InputError where the first stamps of readings and pictures, less when they were logged, are far apart."""
+    """Raises InputError where the first stamps of readings and of pictures, relative to their logging times, are far
+    apart."""
     for role, words in (("moment", "the moments"), ("joints", "the joints")):
         if min(len(lags["image"]), len(lags[role])) < 5:
             continue
@@ -374,7 +377,7 @@ def _refuse_two_clocks(lags: Mapping[str, Sequence[float]], offset_s: float, pat
 
 
 def _refuse_rectified(topic: str, camera: Camera, path: Path) -> None:
-    """Raises InputError for a topic of rectified pictures where the rig's lens bends straight lines."""
+    """Raises InputError for a topic of rectified pictures where the rig's lens has distortion."""
     bends_px = _bend_px(camera)
     if says_rectified(topic) and bends_px > _BAG.straight_px:
         what = f"{topic} is of rectified pictures, the rig's lens that of raw ones: it bends by up to {bends_px:.0f} px"
@@ -386,7 +389,7 @@ def _raw_remedy(unless: str) -> str:
 
 
 def _bend_px(camera: Camera) -> float:
-    """By how much the picture of a lens differs from that of a pinhole with its matrix, at most."""
+    """Largest displacement in the picture, px, by a lens's distortion."""
     width, height = camera.image_size
     u, v = np.meshgrid(np.linspace(0.0, width - 1.0, 17), np.linspace(0.0, height - 1.0, 13))
     pixels = np.stack([u, v], axis=-1)
@@ -401,7 +404,7 @@ def _close(reader: Any) -> None:
 
 
 def _typestore(path: Path) -> Any:
-    """Of bags that hold no definitions: those of the last ROS that wrote such, and Foxglove's picture."""
+    """Message definitions for bags that contain none: those of the last ROS that wrote such, and Foxglove's picture."""
     typesys = require_extra("rosbags.typesys", "live")
     stores = typesys.Stores
     if path.suffix == ".bag":
@@ -413,7 +416,7 @@ def _typestore(path: Path) -> Any:
 
 
 def _whole(messages: Iterator[Any], path: Path, notes: list[str]) -> Iterator[Any]:
-    """The messages up to where the file is torn, if it is."""
+    """The messages up to the place where a file is truncated, if it is."""
     while True:
         try:
             yield next(messages)
@@ -434,7 +437,7 @@ def _bag_files(path: Path) -> list[Path]:
 
 
 def _topic(path: Path, role: str, named: str, kinds: Mapping[str, str | None]) -> str:
-    """The topic of a role; "" where there is none. Raises InputError where it must be chosen."""
+    """The topic of a role; "" where there is none. Raises InputError where there are several and none is named."""
     groups = [sorted(name for name, kind in kinds.items() if kind in group) for group in _ROLES[role]]
     if named == "none":
         return ""
@@ -452,7 +455,7 @@ def _topic(path: Path, role: str, named: str, kinds: Mapping[str, str | None]) -
 
 
 def _notes_on(taken: Mapping[str, str], topics: Topics, kinds: Mapping[str, str | None]) -> list[str]:
-    """What there is to say of the topics before they are read."""
+    """Notes on the topics before they are read."""
     kind = kinds.get(taken["moment"]) or ""
     if kind in _ROLES["moment"][1]:
         return [f"the moment is that of {taken['moment']} ({kind}), stamped when it was logged"]
@@ -464,7 +467,7 @@ def _notes_on(taken: Mapping[str, str], topics: Topics, kinds: Mapping[str, str 
 
 
 def stamp_s(message: Any, arrived_s: float) -> float:
-    """A message's own time, or when it was logged where it has none."""
+    """A message's own time, or its logging time where it has none."""
     stamp = getattr(getattr(message, "header", None), "stamp", getattr(message, "timestamp", None))
     return (0.0 if stamp is None else stamp.sec + 1e-9 * stamp.nanosec) or arrived_s
 
@@ -500,7 +503,7 @@ def picture_of(message: Any) -> np.ndarray:
 
 
 def _levels_of_floats(pixels: np.ndarray) -> np.ndarray:
-    """Levels 0 to 255 as they are, and 0 to 1 times 255. Raises InputError for others, such as depths."""
+    """Grey levels from floats: 0 to 255 unchanged, 0 to 1 times 255. Raises InputError for others, such as depths."""
     least, most = (float(pixels.min()), float(pixels.max())) if np.isfinite(pixels).all() else (np.nan, np.nan)
     if not 0.0 <= least <= most <= 255.0:
         what = f"its pixels are from {least:g} to {most:g}"
@@ -509,7 +512,7 @@ def _levels_of_floats(pixels: np.ndarray) -> np.ndarray:
 
 
 def _foxglove_picture(data: bytes, kind: str) -> Any:
-    """The time, format and bytes of a foxglove.CompressedImage in JSON or protobuf, as ROS' message has them.
+    """Time, format and bytes of a foxglove.CompressedImage in JSON or protobuf, in the form of ROS's message.
 
     Raises InputError for what is neither.
     """
@@ -531,14 +534,15 @@ def _json_fields(data: bytes) -> tuple[int, int, str, bytes]:
 
 
 def _protobuf_fields(data: bytes) -> tuple[int, int, str, bytes]:
-    """timestamp 1 (seconds 1, nanos 2), data 2, format 3, frame_id 4 of foxglove/CompressedImage.proto."""
+    """The fields of foxglove/CompressedImage.proto: timestamp 1 (seconds 1, nanos 2), data 2, format 3, frame_id 4."""
     fields = _protobuf(data)
     stamp = _protobuf(fields.get(1, b""))
     return stamp.get(1, 0), stamp.get(2, 0), fields.get(3, b"").decode(), fields[2]
 
 
 def _protobuf(data: bytes) -> dict[int, Any]:
-    """Number → whole number or bytes of a message's fields. Raises ValueError or IndexError for what is none."""
+    """The fields of a protobuf message: number → whole number or bytes. Raises ValueError or IndexError for invalid
+    data."""
     fields: dict[int, Any] = {}
     at = 0
 
@@ -567,7 +571,7 @@ def _protobuf(data: bytes) -> dict[int, Any]:
 
 
 def readings_of(message: Any, topics: Topics, arrived_s: float) -> Iterator[Reading]:
-    """What a wrench, a number or a JointState says. Raises InputError where the joints must be named."""
+    """The readings in a wrench, a number or a JointState. Raises InputError where the joints must be named."""
     time_s = stamp_s(message, arrived_s)
     wrench = getattr(message, "wrench", message)
     if hasattr(wrench, "torque"):
@@ -627,7 +631,7 @@ def _check_camera(message: Any, topic: str, camera: Camera, path: Path) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Logged:
-    """A message to write: topic, ROS type, its fields by name, and when, ns."""
+    """A message to write: topic, ROS type, fields by name, and time, ns."""
 
     topic: str
     kind: str
@@ -665,13 +669,14 @@ class BagWriter:
             self._writer.write(channel, logged.time_ns, serialize(message, logged.kind))
 
     def ready(self, kinds: Iterable[str]) -> None:
-        """Make what writes messages of these kinds, which takes some 10 ms each, before the first one comes."""
+        """Prepare the writing of messages of these types, which takes some 10 ms each, before the first one comes."""
         serialize = self._types.serialize_ros1 if self._ros1 else self._types.serialize_cdr
         for kind in kinds:
             serialize(self._built(kind, self._header(Logged("", kind, {}, 0))), kind)
 
     def flush(self) -> None:
-        """So that a kill loses nothing of an .mcap so far; other bags can be read only when they are closed."""
+        """Write to the disk so that a kill loses nothing of an .mcap so far; other bags are readable only once
+        closed."""
         if self._mcap:
             self._writer.flush()
 
@@ -702,7 +707,7 @@ class BagWriter:
         return self._types.fielddefs[kind][1]
 
     def _built(self, kind: str, fields: Mapping[str, Any]) -> Any:
-        """A message; fields that are left out are zero or empty."""
+        """A ROS message; missing fields are zero or empty."""
         values = {}
         for name, (node, of) in self._fields(kind):
             value = fields.get(name, fields.get(name.lower()))

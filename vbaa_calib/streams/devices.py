@@ -1,4 +1,4 @@
-"""Cameras and streams from the net, and readings that come by UDP while they run."""
+"""Live cameras and network streams, with readings that arrive by UDP."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .messages import MESSAGES, Messages, MessageSource, Reading, Taken, line_me
 
 @dataclass(frozen=True)
 class _DeviceSettings:
-    """Waiting for cameras and sockets."""
+    """Timeouts of cameras and sockets."""
 
     queued: int = 3  # pictures of a camera that may wait: one slow estimate costs none, if those after it are faster
     # waits before a camera that broke off is opened again: a minute, as for a plug
@@ -38,7 +38,7 @@ _TIMESPEC = struct.Struct("@qq")
 
 
 def udp_address(address: str, flag: str) -> tuple[str, int]:
-    """Host and port of HOST:PORT, or of PORT at this machine. Raises InputError."""
+    """Host and port of HOST:PORT, or of PORT on this machine. Raises InputError."""
     host, _, port = address.rpartition(":")
     if not (port.isdecimal() and 0 < int(port) < 65536):
         raise InputError(f"{address!r} is no address", where=flag, remedy="write it like 5005 or 0.0.0.0:5005")
@@ -46,7 +46,7 @@ def udp_address(address: str, flag: str) -> tuple[str, int]:
 
 
 def udp_socket(address: str) -> socket.socket:
-    """A socket that takes datagrams at HOST:PORT or PORT (of this machine alone). Raises InputError."""
+    """A socket that receives datagrams at HOST:PORT, or at PORT from this machine alone. Raises InputError."""
     place = udp_address(address, "--udp")
     taken = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     taken.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
@@ -63,7 +63,8 @@ def udp_socket(address: str) -> socket.socket:
 
 
 def _datagrams(listening: socket.socket, notes: list[str], key: bytes | None = None) -> Iterator[Reading | None]:
-    """The readings that have come, a JSON line each, or several lines in one datagram; None where there is none now.
+    """Yields the readings that have arrived, in JSON lines, one or more a datagram; None when there is none at
+    present.
 
     key : datagrams without its HMAC, or with a number that is not larger than the one before, are left out.
     notes : each of the first senders is reported, with what it sent that is left out.
@@ -97,7 +98,8 @@ def _datagrams(listening: socket.socket, notes: list[str], key: bytes | None = N
 
 
 def _signed(data: bytes, key: bytes, before: int) -> tuple[int, bytes]:
-    """Number and lines of a datagram `HMAC number lines`. Raises InputError for another key's, and for an old one."""
+    """Number and lines of a datagram `HMAC number lines`. Raises InputError for another key's, and for a repeated or
+    old one."""
     code, _, rest = data.partition(b" ")
     number, _, lines = rest.partition(b" ")
     remedy = "send `HMAC number lines`: SHA-256's HMAC in hexadecimal, of all that follows the first space"
@@ -110,7 +112,8 @@ def _signed(data: bytes, key: bytes, before: int) -> tuple[int, bytes]:
 
 
 def _arrived_s(ancillary: list[tuple[int, int, bytes]]) -> float:
-    """When a datagram came, by `now_s`: as the system noted it; now, where it did not or its clock was set since."""
+    """Arrival time of a datagram by `now_s`: the system's stamp, or the present time where it has none or its clock
+    was changed."""
     latest_s = now_s()
     for level, kind, data in ancillary:
         if (level, kind) == (socket.SOL_SOCKET, _TIMESTAMP) and len(data) == _TIMESPEC.size:
@@ -122,7 +125,7 @@ def _arrived_s(ancillary: list[tuple[int, int, bytes]]) -> float:
 
 
 def with_datagrams(source: MessageSource, listening: socket.socket | None, key: bytes | None = None) -> MessageSource:
-    """A source that runs, with the readings that come by UDP meanwhile; with a key, those that are signed with it."""
+    """A live source together with the readings that arrive by UDP; with a key, only those signed with it."""
     if listening is None:
         return source
 
@@ -138,7 +141,7 @@ def with_datagrams(source: MessageSource, listening: socket.socket | None, key: 
 
 
 def open_device(camera: LiveSource) -> MessageSource:
-    """The newest pictures of a camera that runs, timed by this machine's clock when they were there."""
+    """The latest pictures of a running camera, with arrival times by this machine's clock."""
     notes: list[str] = []
     camera.queued, camera.retries_s = DEVICES.queued, DEVICES.retries_s
     start_s = now_s() - time.monotonic() + camera.start_s

@@ -1,4 +1,4 @@
-"""What comes in a stream: pictures and readings, each with its time."""
+"""Messages of a stream: pictures and readings, each with its time."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from vbaa_calib.session import SILENT
 
 @dataclass(frozen=True)
 class _MessageSettings:
-    """Times and amounts of what comes in a stream."""
+    """Plausible times of a stream's messages, and limits of their number."""
 
     tick_s: float = 0.02  # between two reports of a source that it has nothing new
     one_clock_s: float = 10.0  # stamps further apart than their messages were logged are of two clocks
@@ -43,7 +43,7 @@ CHANNELS = (*SILENT, "pan_rad", "tilt_rad")
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Taken:
-    """A picture (H, W) grey or (H, W, 3) blue, green, red, and when it was taken.
+    """A picture (H, W) grey or (H, W, 3) blue, green, red, and its time.
 
     time_s : of the exposure, by the stream's clock. arrived_s : when it came, by the source's clock.
     received_s : when this process had it, `time.perf_counter`. waiting : how many have come
@@ -69,7 +69,7 @@ class Taken:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """A number that was read, by its channel's name, and when."""
+    """A number read from a channel, and its time."""
 
     time_s: float
     channel: str
@@ -86,7 +86,7 @@ class Reading:
 
     @property
     def possible(self) -> bool:
-        """Whether it is a number that such a channel may have, at a time that may be."""
+        """Whether the number is possible for its channel, and the time plausible."""
         most = PLAUSIBLE.moment_Nm if self.channel in SILENT else PLAUSIBLE.angle_rad
         return abs(self.value) <= most and abs(self.time_s) < 1e12
 
@@ -95,7 +95,7 @@ _BEGAN_S = time.time() - time.monotonic()
 
 
 def now_s() -> float:
-    """The time of day, s, by a clock that never jumps: it was set when the process began."""
+    """The time of day, s, by a clock that never jumps: it is set once, when the process begins."""
     return _BEGAN_S + time.monotonic()
 
 
@@ -106,7 +106,7 @@ clock."""
 
 @dataclass(frozen=True, eq=False)
 class MessageSource:
-    """Where a stream comes from.
+    """A source of pictures and readings.
 
     Attributes
     ----------
@@ -128,7 +128,8 @@ class MessageSource:
     notes: list[str] = field(default_factory=list)
 
     def readings_ahead_s(self) -> float:
-        """By how much readings are stamped before pictures, s, by when they came; 0 where that does not show it.
+        """How much earlier readings are stamped than pictures, s, relative to their arrival; 0 where that is
+        unknown.
 
         Of the first messages, which are gone then.
         """
@@ -145,7 +146,7 @@ class MessageSource:
         return float(np.median(lags_s[True]) - np.median(lags_s[False]))
 
     def begun(self) -> MessageSource:
-        """The same, read up to its first picture. Raises InputError where a recording has none that can be read."""
+        """The source, read up to its first picture. Raises InputError where a recording has none that can be read."""
         several, ahead = self.messages(), list[Taken | Reading | None]()
         for each in several:
             ahead.append(each)
@@ -160,8 +161,8 @@ class MessageSource:
         return replace(self, messages=messages)
 
     def of_camera(self, name: str, offset_s: float = 0.0, arrived_s: float = 0.0) -> MessageSource:
-        """The same with pictures that have no name as this camera's; `offset_s` is added to its times, `arrived_s` to
-        when they arrived."""
+        """The source with its unnamed pictures attributed to a camera; `offset_s` is added to its times, `arrived_s`
+        to its arrival times."""
 
         def messages() -> Messages:
             for each in self.messages():
@@ -174,7 +175,7 @@ class MessageSource:
         return replace(self, messages=messages)
 
     def with_pictures_of(self, others: Sequence[MessageSource]) -> MessageSource:
-        """The same with what comes from further sources, live or recorded as this is: recorded, by when it arrived. A
+        """The source merged with further sources, all live or all recorded; recorded ones are merged by arrival. A
         live one that fails or ends leaves the others running.
 
         Raises InputError where some are live and some are not.
@@ -191,7 +192,8 @@ class MessageSource:
                 reported[index] = len(each.notes)
 
         def in_turn(running: list[Messages]) -> Messages:
-            """What comes from live sources; each waits only a moment, so that none delays the others for long."""
+            """The messages of live sources, each of which waits only a moment, so that none delays the others for
+            long."""
             while running:
                 found = False
                 for each in tuple(running):
@@ -228,7 +230,7 @@ class MessageSource:
         )
 
     def without_moments(self) -> MessageSource:
-        """This source without the moment sensor's readings, for vision alone."""
+        """The source without the moment sensor's readings, for estimates from pictures alone."""
 
         def messages() -> Messages:
             for each in self.messages():
@@ -239,7 +241,7 @@ class MessageSource:
 
 
 def line_messages(line: bytes, root: Path | None, arrived_s: float | None = None) -> Iterator[Taken | Reading]:
-    """What one JSON line says, readings first; without `root` pictures are not taken. Raises InputError.
+    """The messages in one JSON line, readings first; without `root` pictures are not accepted. Raises InputError.
 
     arrived_s : when it came, by `now_s`; just now by default.
     """

@@ -1,4 +1,4 @@
-"""Pictures out of bags and videos: as files, or a few sharp ones of many."""
+"""Pictures from bags and videos: all as files, or a few sharp ones."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ _T = TypeVar("_T")
 
 
 def _recorded_pictures(path: Path, topics: Topics | None = None) -> Messages:
-    """The messages of a bag or video, of whatever camera. Raises InputError."""
+    """The pictures of all cameras in a bag or video. Raises InputError."""
     return (open_bag(path, topics or Topics(), None) if is_bag(path) else open_pictures(path)).messages()
 
 
 def thinned(pictures: Iterable[tuple[_T, np.ndarray]], most: int) -> list[tuple[_T, np.ndarray]]:
-    """Of successive pictures the sharpest of each of 2 · `most` stretches of time at most; and of those in turn that
-    show the same the sharpest."""
+    """The sharpest picture of each of at most 2 · `most` periods, and of consecutive ones with the same view only
+    the sharpest."""
     kept: list[tuple[float, _T, np.ndarray]] = []
     length = in_last = 0
     for name, picture in pictures:
@@ -73,7 +73,7 @@ def _thumbnail(picture: np.ndarray) -> np.ndarray:
 
 
 def stored(picture: np.ndarray, path: Path) -> Path:
-    """A picture in a file without loss, but for more than eight bits. Raises InputError."""
+    """Write a picture to a file, lossless up to eight bits; returns it. Raises InputError."""
     try:
         path.write_bytes(cv2.imencode(".png", np.clip(np.rint(picture), 0, 255).astype(np.uint8))[1].tobytes())
     except OSError as error:
@@ -83,7 +83,8 @@ def stored(picture: np.ndarray, path: Path) -> Path:
 
 
 def unpack_views(path: Path, folder: Path, topics: Topics, most: int) -> int:
-    """Write the sharp and different ones of a bag's or video's pictures, grey, into a folder; how many there were."""
+    """Write sharp and different pictures of a bag or video, in grey, into a folder; returns the number of all
+    pictures."""
     count = 0
 
     def greys() -> Iterator[tuple[int, np.ndarray]]:
@@ -99,8 +100,8 @@ def unpack_views(path: Path, folder: Path, topics: Topics, most: int) -> int:
 
 
 class BagPictures:
-    """A bag's pictures as a source of the wizard: all of them, named by their place from 0 on, one taken when it is
-    at rest. PATH#TOPIC chooses between several topics."""
+    """A bag's pictures as a source for the wizard: all of them, named by their index, taken when the scene is at
+    rest. PATH#TOPIC chooses one of several topics."""
 
     live = True
 
@@ -118,7 +119,7 @@ class BagPictures:
         self._count, self._start_s = 0, 0.0
 
     def skip(self) -> None:
-        """Leave the next picture out."""
+        """Skip the next picture."""
         self.next(0.0)
 
     def next(self, timeout_s: float) -> Picture | None:

@@ -1,6 +1,6 @@
-"""The source that a command line names: one that runs, or one recorded before.
+"""Opens the source that a command line names: live, or recorded.
 
-Recorded are readings in a CSV, a video, a folder of pictures that may grow, a bag, and JSON lines.
+A recording is a CSV of readings, a video, a folder of pictures that may grow, a bag, or JSON lines.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from .synchronize import Timing
 
 
 def is_recorded(path: Path) -> bool:
-    """Whether a path is meant for a stream that was recorded: a bag, a video, a table of pictures."""
+    """Whether a path is a recorded stream: a bag, a video, a table of pictures."""
     videos = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".ts")
     return is_bag(path) or path.suffix.lower() in (*videos, ".csv")
 
@@ -51,7 +51,7 @@ def open_recorded(
     topics: Topics | None = None,
     views: Mapping[str, tuple[str, float]] | None = None,
 ) -> MessageSource:
-    """A bag, a video or a table of pictures, with the readings of a table, if any.
+    """A bag, a video or a table of pictures, with the readings of another table, if any.
 
     camera : the rig's, or several by name; `views` says by name where else one was recorded, "" for here, and what is
     added to its times. offset_s : added to the readings' times; None: to be estimated. Raises InputError, also for a
@@ -81,8 +81,8 @@ def open_recorded(
 def _of_views(
     cameras: Iterable[str], views: Mapping[str, tuple[str, float]], where: str
 ) -> tuple[dict[str, float], dict[str, tuple[str, float]]]:
-    """What is added to the times of the cameras in a source, and the other cameras' own sources. Raises InputError
-    where no camera is left for it."""
+    """Time offsets of the cameras in a source, and the other cameras' own sources. Raises InputError where no camera
+    is left for the source."""
     every = {name: views.get(name, ("", 0.0)) for name in cameras}
     own = {name: shift_s for name, (text, shift_s) in every.items() if not text}
     if not own and where != "-":
@@ -92,7 +92,7 @@ def _of_views(
 
 
 def open_pictures(path: Path, cameras: Sequence[str] = ()) -> MessageSource:
-    """A video, or a table of pictures, which may have those of several cameras by name. Raises InputError."""
+    """A video, or a table of pictures, with columns by name for several cameras. Raises InputError."""
     require_file(path)
     return _open_table(path, cameras) if path.suffix.lower() == ".csv" else _open_video(path)
 
@@ -100,8 +100,8 @@ def open_pictures(path: Path, cameras: Sequence[str] = ()) -> MessageSource:
 def open_running(
     text: str, idle_s: float, cameras: Sequence[str] = (), views: Mapping[str, tuple[str, float]] | None = None
 ) -> MessageSource:
-    """ "-", camera:0, a device, a stream's URL, or a folder that fills up; of several cameras by name also a folder of
-    such by their names, and what `views` says as for `open_recorded`. Raises InputError."""
+    """A live source: "-", camera:0, a device, a stream's URL, or a folder that is being filled; for several cameras
+    a folder of such folders by their names, and what `views` names as in `open_recorded`. Raises InputError."""
     if not cameras:
         return _opened(text, idle_s)
     every = {name: (views or {}).get(name, ("", 0.0)) for name in cameras}
@@ -119,7 +119,7 @@ def open_running(
 
 
 def _opened(text: str, idle_s: float) -> MessageSource:
-    """A live source from what names it: lines on stdin (-), a folder, a camera or a stream. Raises InputError."""
+    """A live source by its name: JSON lines on stdin (-), a folder, a camera or a stream. Raises InputError."""
     if text == "-":
         return _open_lines(sys.stdin.buffer, idle_s)
     if os.path.isdir(text):
@@ -131,7 +131,7 @@ def _opened(text: str, idle_s: float) -> MessageSource:
 
 
 def _in_turn(rows: Iterable[Mapping[str, str]], path: Path) -> Iterator[tuple[Mapping[str, str], float, float]]:
-    """Rows, their times, and when they came: in the order of the file, whatever one of their times is."""
+    """Rows with their times and arrival times, in the order of the file even where a time is out of order."""
     came_s, before = -math.inf, None
     for row in chain(rows, [None]):
         time_s = math.inf if row is None else number(row, "time_s", path)
@@ -142,7 +142,7 @@ def _in_turn(rows: Iterable[Mapping[str, str]], path: Path) -> Iterator[tuple[Ma
 
 
 def _csv_readings(path: Path) -> tuple[frozenset[str], Iterator[Reading]]:
-    """The channels of a table and its readings: time_s and any of moment_Nm, moment_z_Nm, pan_rad, tilt_rad.
+    """The channels in a table, and its readings: time_s and any of moment_Nm, moment_z_Nm, pan_rad, tilt_rad.
 
     pan_deg and tilt_deg are taken, too; an empty cell is no reading. Raises InputError with file, line and remedy.
     """
@@ -164,7 +164,7 @@ def _csv_readings(path: Path) -> tuple[frozenset[str], Iterator[Reading]]:
 
 
 def _with_readings(source: MessageSource, path: Path | None, offset_s: float) -> MessageSource:
-    """A recorded source with the readings of a table, each coming before the first picture that is not before it."""
+    """A recorded source merged with the readings of a table, each before the first picture that is not earlier."""
     if path is None:
         return source
     channels, readings = _csv_readings(path)
@@ -175,7 +175,8 @@ def _with_readings(source: MessageSource, path: Path | None, offset_s: float) ->
         ahead, later_s = _first_pictures(several := source.messages())
 
         def arrived_s(message: Taken | Reading | None) -> float:
-            """By the stamps' clock, which may be another than that of arrival, but not by one stamp that is wrong."""
+            """Arrival time in the clock of the stamps, which may differ from that of arrival; a single wrong stamp
+            does not count."""
             assert message is not None
             if isinstance(message, Reading):
                 return message.arrived_s
@@ -187,7 +188,7 @@ def _with_readings(source: MessageSource, path: Path | None, offset_s: float) ->
 
 
 def _first_pictures(messages: Messages) -> tuple[list[Taken | Reading | None], float]:
-    """The messages up to the fifth picture, and how much later than their arrival pictures are stamped.
+    """The messages up to the fifth picture, and how much later pictures are stamped than they arrive.
 
     By the first one, unless the others speak against it.
     """
@@ -219,7 +220,7 @@ def _open_video(path: Path) -> MessageSource:
 
 
 def _open_table(path: Path, cameras: Sequence[str] = ()) -> MessageSource:
-    """The pictures that a table like recording.csv names, at its times; of several cameras in columns like image_left.
+    """The pictures in a table like recording.csv, at its times; for several cameras in columns like image_left.
     Raises InputError."""
     header = header_of(path)
     columns = {f"image_{name}": name for name in cameras if f"image_{name}" in header} or {"image": ""}
@@ -242,7 +243,7 @@ def _open_table(path: Path, cameras: Sequence[str] = ()) -> MessageSource:
 
 
 def _open_folder(path: Path, idle_s: float) -> MessageSource:
-    """A folder that fills: pictures by name, then as they come, timed by when they were written.
+    """A folder that is being filled: pictures by name, then as they come, timed by their modification times.
 
     It ends when nothing has come for `idle_s`. Raises InputError when it cannot be read.
     """
@@ -270,7 +271,7 @@ def _open_folder(path: Path, idle_s: float) -> MessageSource:
 
 
 def _open_lines(stream: BinaryIO, idle_s: float, root: Path = Path()) -> MessageSource:
-    """JSON lines: time_s, readings by their names, and `image`, a path or a picture's bytes in base64.
+    """JSON lines with time_s, readings by name, and `image`: a path, or a picture's bytes in base64.
 
     A line that is none is left out and counted. It ends with the stream, or when nothing came for `idle_s`.
     """
@@ -298,7 +299,7 @@ def _open_lines(stream: BinaryIO, idle_s: float, root: Path = Path()) -> Message
 
 
 def _lines(stream: BinaryIO, idle_s: float, notes: list[str]) -> Iterator[bytes | None]:
-    """Whole lines, and None while there is nothing."""
+    """Yields complete lines, and None while there is nothing to read."""
     number_of, rest = stream.fileno(), b""
     until_s = time.monotonic() + idle_s
     while True:

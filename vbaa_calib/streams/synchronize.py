@@ -1,4 +1,5 @@
-"""Readings at the instants of pictures: interpolated, never made up; what does not fit is counted."""
+"""Synchronisation: readings interpolated at the times of pictures, never extrapolated far; whatever does not fit is
+counted."""
 
 from __future__ import annotations
 
@@ -25,7 +26,7 @@ _Message = Taken | Reading
 @gate
 @dataclass(frozen=True)
 class Timing:
-    """How readings and pictures belong together.
+    """Tolerances and clock offsets by which readings and pictures are matched.
 
     offset_s : what is added to a reading's time to have it on the pictures' clock.
     gap_s : a picture between two readings further apart, or so far from the only one, has none.
@@ -50,7 +51,7 @@ class Timing:
     together_s: float = 0.01
 
     def __post_init__(self) -> None:
-        """Raises InputError for what is no time, no deviation, or an angle in degrees."""
+        """Raises InputError for impossible times and standard deviations, and for an angle in degrees."""
         if not math.isfinite(self.offset_s):
             raise InputError(f"offset_s is {self.offset_s}", remedy="give seconds")
         pan_tilt = as_floats(self.joints_rad, "joints_rad", ANGLE_REMEDY)
@@ -70,7 +71,8 @@ class Timing:
 
 @dataclass(frozen=True, eq=False)
 class Synchronized:
-    """A picture and, as a frame, what was read when it was taken. age_s : of the reading that is furthest from it.
+    """A picture with the readings at its time, as a frame. age_s : largest time between the picture and a reading
+    used.
 
     others : of several cameras the pictures of the same frame.
     """
@@ -82,19 +84,20 @@ class Synchronized:
 
     @property
     def images(self) -> dict[str, np.ndarray]:
-        """The pictures by the cameras' names."""
+        """The pictures by camera name."""
         return {each.camera: each.image for each in (self.taken, *self.others)}
 
 
 @dataclass(eq=False)
 class _Channel:
-    """The latest readings of one channel, in order of their times."""
+    """The latest readings of one channel, ordered by time."""
 
     times: list[float] = field(default_factory=list)
     values: list[float] = field(default_factory=list)
 
     def at(self, time_s: float, gap_s: float) -> tuple[float, float]:
-        """The value at a time, and how far the readings that it comes from are at most; NaN where they are too far."""
+        """The value interpolated at a time, and the largest distance in time to a reading used; NaN where that
+        exceeds `gap_s`."""
         after = bisect_left(self.times, time_s)
         if after < len(self.times) and self.times[after] == time_s:
             return self.values[after], 0.0
@@ -108,7 +111,7 @@ class _Channel:
         return v0 + (v1 - v0) * ((time_s - t0) / (t1 - t0)), max(time_s - t0, t1 - time_s)
 
     def add(self, time_s: float, value: float) -> None:
-        """A reading; those that are not before it were stamped by a clock that was wrong."""
+        """Add a reading; stored ones that are not earlier must have a wrong stamp and are dropped."""
         after = bisect_left(self.times, time_s) if self.times and time_s <= self.times[-1] else len(self.times)
         del self.times[after:], self.values[after:]
         self.times.append(time_s)
@@ -117,8 +120,8 @@ class _Channel:
             del self.times[: MESSAGES.readings], self.values[: MESSAGES.readings]
 
     def error(self, time_s: float, timing: Timing, std: float) -> float:
-        """Standard deviation of the value at a time, besides the readings' noise `std`: of interpolation, and of the
-        clocks.
+        """Standard deviation of the value at a time due to interpolation and clocks, in addition to the readings'
+        noise `std`.
 
         Between two readings the value may leave the line by as much as its rate changes there, s·(1 − s) of how far the
         second lies off the line through the first and the one before. What noise alone makes of that is taken off, and
@@ -146,7 +149,7 @@ class _Channel:
 
 @dataclass(eq=False)
 class _Stamps:
-    """The stamps of one stream, bounded against arrival; its clock may be any constant off.
+    """Plausibility of one stream's stamps relative to arrival; its clock may have any constant offset.
 
     live : arrival is by a clock of its own. last : the latest message that counts.
     step_s : by how much it is later than the one before; 0 for the first.
@@ -160,8 +163,8 @@ class _Stamps:
     doubted: list[_Message] = field(default_factory=list)
 
     def judged(self, message: _Message, now_s: float) -> tuple[list[_Message], list[_Message]]:
-        """The messages that count and those that do not, now that this one has come. now_s : arrival of the latest
-        one in any stream."""
+        """The accepted and the rejected messages, now that this one has arrived. now_s : latest arrival in any
+        stream."""
         if self.last is None:
             return self._counted([message]), []
         step_s, since_s = message.time_s - self.last.time_s, message.arrived_s - self.last.arrived_s
@@ -182,12 +185,12 @@ class _Stamps:
         return (self._counted(self._dropped()) if len(self.doubted) >= self.timing.agreeing else []), wrong
 
     def overdue(self, now_s: float) -> list[_Message]:
-        """Those that are doubted once the first has waited as long as a picture may: they count then."""
+        """Doubtful messages that are accepted because the first of them has waited as long as a picture may."""
         late = self.live and bool(self.doubted) and now_s - self.doubted[0].arrived_s >= self.timing.wait_s
         return self._counted(self._dropped()) if late else []
 
     def finish(self) -> tuple[list[_Message], list[_Message]]:
-        """The same of those that are doubted to the end: nothing speaks against later ones."""
+        """Messages that are doubtful at the end and accepted, since no later ones contradict them."""
         ahead = self.last is not None and bool(self.doubted) and self.doubted[0].time_s > self.last.time_s
         return (self._counted(self._dropped()), []) if ahead else ([], self._dropped())
 
@@ -203,7 +206,7 @@ class _Stamps:
 
 
 class Synchronizer:
-    """Pictures and readings in, in the order in which they came; frames out, in the order of the pictures.
+    """Takes pictures and readings in order of arrival; returns frames in the order of the pictures.
 
     A picture waits until every channel has a reading after it, or for `Timing.wait_s`. Between the readings on either
     side its own are interpolated; where they are missing, or too far apart, the frame has none. Pictures and readings
@@ -226,7 +229,7 @@ class Synchronizer:
         notes: list[str] | None = None,
         live: bool = True,
     ) -> None:
-        """channels : of `CHANNELS`, those that are waited for.
+        """channels : of `CHANNELS`, those that a frame must have.
 
         image_size : (width, height) of the rig's camera: pictures of another size are left out. Of several cameras by
             name, the first one's pictures being those without a name.
@@ -251,7 +254,8 @@ class Synchronizer:
         self._spans: dict[str, tuple[float, float]] = {}
 
     def push(self, message: Taken | Reading) -> Iterator[Synchronized]:
-        """The frames that are complete with it. Raises InputError when the first picture has not the rig's size."""
+        """The frames that a message completes. Raises InputError when the first picture has another size than the
+        rig's."""
         if not isinstance(message, Taken | Reading):
             raise InputError(f"a message is {quoted(message)}", remedy="give a Taken or a Reading")
         early: list[Synchronized] = []
@@ -300,11 +304,12 @@ class Synchronizer:
             yield self._frame(self._waiting.popleft())
 
     def _onward_s(self, taken: Taken) -> float:
-        """The message's time, continued where its clock was set back."""
+        """The message's time, continued monotonically where its clock was set back."""
         return taken.time_s + self._set_back_s[taken.camera]
 
     def _partner(self, taken: Taken, name: str) -> tuple[Taken | None, float]:
-        """Which waiting picture of another camera is of the same frame, if there is one; how far the nearest is."""
+        """The waiting picture of another camera that belongs to the same frame, if any, and the time to the nearest
+        one."""
         at_s = self._onward_s(taken)
         gaps = [(abs(self._onward_s(each) - at_s), each) for each in self._waiting if each.camera == name]
         gap_s, nearest = min(gaps, key=lambda one: one[0], default=(math.inf, None))
@@ -314,7 +319,7 @@ class Synchronizer:
         return (nearest if all(abs(self._onward_s(each) - there_s) >= gap_s for each in own) else None), gap_s
 
     def _awaited(self, taken: Taken, name: str, now_s: float) -> bool:
-        """Whether another camera's picture of the same frame may still come."""
+        """Whether another camera's picture of the same frame may yet come."""
         if self._partner(taken, name)[0] is not None:
             return False
         stamps = self._stamps.get(self._streams[name])
@@ -329,7 +334,7 @@ class Synchronizer:
         return now_s - last.arrived_s <= max(self._timing.wait_s, 2.0 * stamps.step_s or self._timing.jump_s)
 
     def finish(self) -> Iterator[Synchronized]:
-        """Those that wait; nothing comes after them.
+        """The frames that wait at the end of the stream.
 
         Raises InputError for a recording without an instant that pictures and readings share.
         """
@@ -342,7 +347,7 @@ class Synchronizer:
             self._refuse_two_clocks(channel)
 
     def _refuse_two_clocks(self, channel: str) -> None:
-        """Raises InputError for a channel, or a further camera, that begins after the first camera's last picture, or
+        """Raises InputError for a channel, or a further camera, that begins after the first camera's last picture or
         ends before its first."""
         pictures = self._streams[self._first]
         if channel not in self._spans or pictures not in self._spans:
@@ -360,7 +365,7 @@ class Synchronizer:
         raise InputError(f"{what}{end_s:.10g} s: two clocks", remedy=remedy)
 
     def left_out(self) -> list[str]:
-        """What was left out, in words."""
+        """Numbers of messages and pictures that were left out, in words."""
         usual = ("pictures", "readings")
         lines = [f"{count} {what}" for what, count in sorted(self.counts.items()) if what not in usual and count]
         gap = f": their readings are further apart than --gap ({self._timing.gap_s:g} s), or on one side only"
@@ -392,7 +397,8 @@ class Synchronizer:
         jumped: bool = False,
         first: bool = False,
     ) -> list[Synchronized]:
-        """Take messages of a stream, and count those that are left out; the frames that cannot wait any longer.
+        """Accept or reject messages of a stream, counting the rejected ones; returns the frames that cannot wait any
+        longer.
 
         last : of the stream, before them. jumped : those that count were doubted. first : `last` was the first.
         """
@@ -441,7 +447,7 @@ class Synchronizer:
         return frames
 
     def _taken(self, message: Taken) -> None:
-        """A picture among those that wait, in the order of their times where they are of several cameras."""
+        """Add a picture to those that wait, ordered by time where there are several cameras."""
         self._begin_s = message.arrived_s if self._begin_s == -np.inf else self._begin_s
         at_s = self._onward_s(message)
         if len(self._sizes) == 1:
@@ -456,7 +462,7 @@ class Synchronizer:
             yield self._frame(self._waiting.popleft())
 
     def _note(self, what: str, stream: str, words: str) -> None:
-        """Count it, and report the first of each stream."""
+        """Count an event, and report the first one of each stream."""
         self.counts[what] += 1
         if (what, stream) not in self._noted:
             self._noted.add((what, stream))
@@ -505,7 +511,7 @@ def _known(channel: Any) -> str:
 def taken_frames(
     messages: Iterable[Taken | Reading | None], synchronizer: Synchronizer
 ) -> Iterator[tuple[Frame, np.ndarray | Mapping[str, np.ndarray]]]:
-    """The frames of a recorded source's messages, and their pictures; of several cameras by name."""
+    """The frames of a recorded source, with their pictures; by camera name where there are several."""
     pushed = (each for message in messages if message is not None for each in synchronizer.push(message))
     every = chain(pushed, synchronizer.finish())
     return ((each.frame, each.images if each.taken.camera else each.taken.image) for each in every)

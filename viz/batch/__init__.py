@@ -1,1 +1,1 @@
-"""Many recordings at once, on dask: what each becomes, where it is kept, and who does the work."""
+"""Many recordings at once on dask: the work, its results, and the cluster."""

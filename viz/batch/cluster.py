@@ -1,4 +1,4 @@
-"""Who does the work: a dask cluster of this machine or one that exists, and its tasks."""
+"""A dask cluster, on this machine or an existing one, and its tasks."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _PoolSettings:
-    """How a batch keeps its processes busy."""
+    """Settings that keep the processes of a batch busy."""
 
     heal_s: float = 20.0  # s between looks whether all processes are there
     ahead: int = 2  # recordings submitted at a time for each thread
@@ -39,12 +39,12 @@ _LOST = "the scheduler is lost; run again to do what is missing"
 
 
 class Lost(VbaaError):
-    """The scheduler is gone, and with it what was under way."""
+    """Raised when the scheduler is gone, and with it the unfinished tasks."""
 
 
 @dataclass(frozen=True)
 class Where:
-    """Where the work is done: on `jobs` processes of this machine, or by the scheduler at an address.
+    """Where the work runs: in `jobs` processes of this machine, or on the scheduler at an address.
 
     security : keys and certificates for that scheduler; None: as dask's configuration says.
     """
@@ -56,12 +56,12 @@ class Where:
 
     @property
     def threads(self) -> int:
-        """Threads of each process' kernels: with the processes they use the cores once."""
+        """Threads of each process's numerical libraries, so that all processes together use each core once."""
         return max(cores() // self.jobs, 1) if self.address is None else 1
 
 
 def at_scheduler(address: str, tls: Mapping[str, Path | None], insecure: bool = False) -> Where:
-    """At a scheduler with TLS, or at any if `insecure`.
+    """A scheduler with TLS, or any if `insecure`.
 
     tls : files by dask's names, ca_file, client_cert and client_key; where one is None, dask's configuration has it.
     Raises InputError without dask, for a scheduler without TLS, and for certificates that are missing or not valid.
@@ -90,7 +90,7 @@ def at_scheduler(address: str, tls: Mapping[str, Path | None], insecure: bool = 
 
 @contextmanager
 def client_of(where: Where) -> Iterator[Client]:
-    """A client of the cluster, which ends with it where it is one of this machine.
+    """A client of the cluster; a cluster on this machine ends with it.
 
     Other users of this machine can neither give work to its cluster nor read from it: its connections, on loopback,
     need keys that are made for it, and what its processes keep on the disk lies in a folder that is nobody else's.
@@ -152,7 +152,7 @@ def client_of(where: Where) -> Iterator[Client]:
 def run(
     client: Client, recordings: Sequence[BatchRecording], settings: BatchSettings, results: Results
 ) -> Iterator[Outcome]:
-    """Every recording's outcome, as they come. Raises Lost with the scheduler.
+    """Yields every recording's outcome as it comes. Raises Lost with the scheduler.
 
     A recording that lost its worker too often is done once more at the end, with no other next to it: a neighbour may
     have ended its workers.
@@ -181,7 +181,7 @@ def run(
 
 
 def _outcome(future: Future, recording: BatchRecording, client: Client, alone: bool) -> Outcome | None:
-    """What a recording's task gave; None: its worker was lost, but not `alone`. Raises Lost."""
+    """The result of a recording's task; None if its worker was lost while others ran. Raises Lost."""
     from distributed import CancelledError, KilledWorker
 
     try:
@@ -202,7 +202,8 @@ def _outcome(future: Future, recording: BatchRecording, client: Client, alone: b
 
 
 def _workers(client: Client) -> list[str]:
-    """The cluster's, by address. Raises Lost where no scheduler answers: its loss reaches the client as any error."""
+    """The cluster's workers by address. Raises Lost where no scheduler answers: its loss reaches the client as any
+    error."""
     try:
         return list(client.nthreads())
     except Exception as error:

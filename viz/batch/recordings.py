@@ -1,4 +1,4 @@
-"""Which recordings a batch is of: folders, patterns, a CSV of them; each with its rig and a name of its own."""
+"""The recordings of a batch, from folders, patterns, or a CSV of them; each with its rig and a unique name."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ class BatchRecording:
 
 
 def recordings_of(named: Sequence[str], rig: Path | None) -> list[BatchRecording]:
-    """Folders and patterns with the one rig; CSV files with the columns recording and, where it differs, rig, and name.
+    """Recordings from folders and patterns with the one rig, and from CSV files with the columns recording and,
+    optionally, rig and name.
 
     Raises InputError for what names no recording, a recording without a rig, and names that stand twice.
     """
@@ -61,8 +62,8 @@ def _listed(table: Path, rig: Path | None) -> list[tuple[str, Path, Path | None]
 
 
 def _named(found: Sequence[tuple[str, Path, Path | None]]) -> list[BatchRecording]:
-    """With names: those of the list, else the folder's, with as many of the folders above it as tell it from the
-    others."""
+    """Recordings with unique names: those of the list, else the folder's, preceded by as many parent folders as are
+    needed."""
     places = [path.resolve() for _, path, _ in found]
     for twice in (path for path, count in Counter(places).items() if count > 1):
         raise InputError("is given twice", where=twice, remedy="name every recording once")

@@ -1,4 +1,5 @@
-"""The data set of a batch: contacts as Parquet by recording, one summary table, objects; whole or not at all.
+"""The data set of a batch: contacts as Parquet by recording, one summary table, objects; written completely or not
+at all.
 
 results/
   batch.json                                 what made it
@@ -40,7 +41,7 @@ Row = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Results:
-    """Where the parts of a data set lie."""
+    """Paths of a data set's parts, and its reading and writing."""
 
     root: Path
 
@@ -55,7 +56,7 @@ class Results:
         return self.root / "summary.csv"
 
     def prepare(self, argv: Sequence[str]) -> None:
-        """Make the folder, or go on in one that a batch made. Raises InputError for any other."""
+        """Make the folder, or continue in one that a batch made. Raises InputError for any other."""
         own = self.root / "batch.json"
         make_folder(self.root)
         try:
@@ -71,7 +72,7 @@ class Results:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """While one batch works here no other does. Raises InputError where one does already."""
+        """Context in which no other batch works here. Raises InputError where one does already."""
         with writing_alone(self.root):
             self.remove_work()
             try:
@@ -80,7 +81,7 @@ class Results:
                 self.remove_work()
 
     def done(self, name: str) -> Row | None:
-        """The summary of a recording with contacts; None where they are not, or cannot be read."""
+        """The summary of a recording with contacts; None where these do not exist or cannot be read."""
         import pyarrow
         from pyarrow.parquet import read_metadata
 
@@ -95,7 +96,7 @@ class Results:
         return [row for part in parts if (row := self.done(part.name.partition("=")[2])) is not None]
 
     def write_summary(self, failed: Iterable[Row]) -> list[Row]:
-        """summary.csv of all contacts that are there and of the recordings that failed; its rows."""
+        """Write summary.csv of all existing contacts and of the recordings that failed; returns its rows."""
         rows = {str(row["recording"]): dict(row) for row in (*self.every(), *failed)}
         for name, row in rows.items():
             if self.object(name).exists():
@@ -144,8 +145,8 @@ class Results:
         judged: Callable[[], RecordingVerdict],
         about: Callable[[RecordingVerdict], Row],
     ) -> Row:
-        """Write a recording's contacts as they come; its summary: `about` and numbers, by the verdict on the recording,
-        which is asked for after the last row."""
+        """Write a recording's contacts as they come; returns its summary: `about`, and numbers that include the
+        verdict on the recording, which is asked for after the last row."""
         located: dict[str, array[float]] = {
             column: array("d")
             for column in ("distance_m", "distance_std_m", "force_y_N", "force_z_N", "force_y_std_N", "force_z_std_N")
@@ -185,7 +186,7 @@ class Results:
         return summary
 
     def remove_work(self) -> None:
-        """Remove what writers that were killed have left."""
+        """Remove temporary files of writers that were killed."""
         for left in self.root.glob("contacts/recording=*/.contacts-*.parquet"):
             left.unlink(missing_ok=True)
 

@@ -1,4 +1,4 @@
-"""What workers do: a recording is one task of dask, and gives the same when it is done again."""
+"""Tasks of a batch's workers: each recording is one dask task, with the same result when it runs again."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from .results import Results, Row
 
 @dataclass(frozen=True)
 class BatchSettings:
-    """What is to be done with every recording: the options of `vbaa estimate`, and of the batch.
+    """What is to be done with every recording: the options of `vbaa estimate` and of the batch.
 
     threads : of each task's kernels. again : do also what is done and unchanged.
     """
@@ -51,7 +51,7 @@ class BatchSettings:
     again: bool = False
 
     def as_dict(self, path: Path) -> dict[str, Any]:
-        """What of it the contacts of a recording depend on."""
+        """The options on which a recording's contacts depend."""
         names = ("model", "friction", "drift", "track_zero", "no_moment")
         pixels = None if self.background is None else str(self.background)
         if self.background is not None and self.background != AUTO:
@@ -62,7 +62,7 @@ class BatchSettings:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a recording: `state` is done, unchanged or failed; `row` its summary."""
+    """Outcome of a recording: `state` is done, unchanged or failed; `row` its summary."""
 
     name: str
     state: str
@@ -70,7 +70,7 @@ class Outcome:
 
 
 def do(recording: BatchRecording, settings: BatchSettings, results: Results) -> Outcome:
-    """Estimate a recording, unless that is done already. What is wrong with it is in its row."""
+    """Estimate a recording, unless that is done already. Errors are reported in its row."""
     try:
         # OpenCV takes all cores by itself
         cv2.setNumThreads(settings.threads)
@@ -85,7 +85,7 @@ def do(recording: BatchRecording, settings: BatchSettings, results: Results) -> 
 
 
 def _estimated(recording: BatchRecording, settings: BatchSettings, results: Results, about: Row) -> Row:
-    """Writes the contacts, as `vbaa estimate` does; the summary that begins with `about`."""
+    """Write the contacts, as `vbaa estimate` does; returns the summary, that begins with `about`."""
     begun, rig = time.process_time(), Rig.load(recording.rig)
     source = open_source(recording.path, rig, settings.no_moment, settings.streams)
     rig = replace(rig, drift=drift_of(settings.drift, source.drift, rig.drift, track_zero=settings.track_zero))
@@ -134,7 +134,7 @@ def _estimated(recording: BatchRecording, settings: BatchSettings, results: Resu
 
 
 def _with_object(outcome: Outcome, recording: BatchRecording, settings: BatchSettings, results: Results) -> Outcome:
-    """With the object's file, where it is asked for and not there."""
+    """The outcome after writing the object's file, where that is asked for and missing."""
     path = results.object(recording.name)
     if not settings.reconstruct or path.exists() or outcome.row["verdict"]["severity"] == "wrong":
         return outcome
@@ -153,7 +153,7 @@ def _with_object(outcome: Outcome, recording: BatchRecording, settings: BatchSet
 
 
 def failed(recording: BatchRecording, error: BaseException) -> Outcome:
-    """A recording of which nothing came, and why."""
+    """The outcome of a recording without results, with the error."""
     unknown = f"something went wrong that should not ({type(error).__name__}: {clipped(str(error))})"
     sentence = sentence_of(error) or unknown
     row = {"recording": recording.name, "state": "failed", "sentence": sentence}
@@ -162,7 +162,7 @@ def failed(recording: BatchRecording, error: BaseException) -> Outcome:
 
 
 def _about(recording: BatchRecording, settings: BatchSettings) -> Row:
-    """How a summary begins: what the recording is, and the digests of all that its contacts depend on."""
+    """The beginning of a summary: the recording, and the digests of all that its contacts depend on."""
     rig_sha256, inputs_sha256 = sha256(recording.rig), inputs_digest(recording.path)
     about = {"rig_sha256": rig_sha256, "inputs_sha256": inputs_sha256, "version": vbaa_calib.__version__}
     # 3: recordings have a verdict; what was done before is done again

@@ -1,1 +1,1 @@
-"""Verbs of this package."""
+"""Command-line verbs of this package."""

@@ -48,7 +48,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict[str, Any]:
-    """Estimate every recording that is not done yet; the exit code is 1 where one is missing at the end, or wrong."""
+    """Estimate every recording that is not done yet; the exit code is 1 where one failed or has a wrong verdict."""
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.source import is_stream
     from estimator.table.contacts import STATUSES
@@ -178,7 +178,7 @@ def _where(args: argparse.Namespace, count: int) -> Where:
 
 
 def _address_in(file: Path) -> str:
-    """A scheduler's, of the file that it wrote. Raises InputError."""
+    """The scheduler's address in the file that it wrote. Raises InputError."""
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.core.files import read_json
 
@@ -215,14 +215,14 @@ def _described(client: Any, where: Where) -> str:
 
 
 def _changed_options(args: argparse.Namespace) -> list[str]:
-    """The options about streams that are not as by default."""
+    """The options about streams that are not at their defaults."""
     usual = {"clock_offset": "0", "gap": 0.1, "wait": 0.25, "moment_axis": "y", "pan_joint": "", "tilt_joint": ""}
     usual |= {"topic": [], "pan": None, "tilt": None, "degrees": False, "together": 0.01}
     return ["--" + name.replace("_", "-") for name, value in usual.items() if getattr(args, name) != value]
 
 
 def _with_progress(outcomes: Iterable[Outcome], count: int) -> Iterator[tuple[Outcome, str]]:
-    """Recordings as they end, each with a line: how many are done of all, frames a second, time left."""
+    """The outcomes, printing a line for each: how many are done, frames per second, time left."""
     begun, frames = time.monotonic(), 0
     for done, outcome in enumerate(outcomes, 1):
         seconds = time.monotonic() - begun

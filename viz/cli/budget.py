@@ -1,4 +1,4 @@
-"""`vbaa budget rig.json`: what limits this rig's contacts, and what to improve first."""
+"""`vbaa budget rig.json`: what limits the accuracy of this rig's contacts, and what to improve first."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict[str, Any]:
-    """Make the budget, say it, and write what is asked for."""
+    """Make and print the budget, and write the files that are asked for."""
     from estimator.budget.budget import error_budget
     from estimator.budget.report import SCHEMA, advice, as_data, contacts_as_data, table
     from vbaa_calib.calibrate.check.finding import at
@@ -92,7 +92,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _touches(args: argparse.Namespace, rig: Rig) -> BudgetContacts:
-    """The contacts that are asked for. Raises InputError for one that is not on the antenna, or bends it too far."""
+    """The contacts of the budget. Raises InputError for one that is not on the antenna, or bends it too far."""
     import numpy as np
 
     from estimator.budget.budget import ordinary_touches, touch_of_force

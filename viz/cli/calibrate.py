@@ -1,4 +1,5 @@
-"""`vbaa calibrate`: a session to rig.json; many sessions of one rig over time to a rig for each, a table and a page."""
+"""`vbaa calibrate`: a session to rig.json; or several sessions of one rig over time to a rig for each, a table and a
+page."""
 
 from __future__ import annotations
 
@@ -140,7 +141,7 @@ def _over_time(args: argparse.Namespace, sessions: list[tuple[datetime, Path]]) 
 
 
 def _unchanged(output: Path, session: Path) -> bool:
-    """Whether a rig was made from what is in the session now."""
+    """Whether a rig was made from the present content of the session."""
     if not output.exists():
         return False
     try:
@@ -151,7 +152,7 @@ def _unchanged(output: Path, session: Path) -> bool:
 
 
 def _dated(known: list[Path]) -> list[tuple[datetime, Path]]:
-    """Sessions by their dates: of a CSV with the columns session and date, or of the folders' names.
+    """Sessions by date, from a CSV with the columns session and date, or from the folders' names.
 
     Raises InputError for a session without a known date.
     """
@@ -182,7 +183,7 @@ def _dated(known: list[Path]) -> list[tuple[datetime, Path]]:
 
 
 def _table_csv(found: OverTime, dates: Sequence[str]) -> str:
-    """A row for each parameter and calibration: how far it is from what it was at first."""
+    """A CSV with a row for each parameter and calibration: the change since the first."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["parameter", "date", "days", "change", "std", "deviations_from_mean"])

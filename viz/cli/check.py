@@ -1,4 +1,4 @@
-"""`vbaa check`: is this rig right? A verdict in words, check.json, and a report to read."""
+"""`vbaa check`: whether a rig is valid, as a verdict in words, check.json, and a report."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict[str, Any]:
-    """Judge the rig. Returns all numbers; the exit code is 1 where it does not hold.
+    """Check the rig. Returns all numbers; the exit code is 1 where it fails.
 
     Raises InputError for a broken rig or session, or a file in the way.
     """
@@ -70,7 +70,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _watched(args: argparse.Namespace) -> dict[str, Any]:
-    """The stream's summary, alarms among it. Raises InputError for options of another check."""
+    """The summary of a watched stream, with its alarms. Raises InputError for options of another check."""
     from . import live
 
     if args.session is None:

@@ -40,7 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict[str, Any]:
-    """Compare two results; the exit code is 1 where they differ by more than is allowed."""
+    """Compare two results; the exit code is 1 where they differ by more than the tolerance."""
     if not (args.tolerance > 0.0 and math.isfinite(args.tolerance)):
         raise InputError(f"--tolerance is {args.tolerance:g}", remedy="give a number of deviations, above 0")
     if not 0.0 <= args.allow <= 1.0:
@@ -123,7 +123,7 @@ def _lines(name: str, one: ComparedContacts, tolerance: float) -> list[str]:
 
 
 def _tables(root: Path) -> dict[str, Path]:
-    """The contacts of a batch by recording. Raises InputError for another folder."""
+    """The contacts of a batch, by recording. Raises InputError for another folder."""
     found = {path.parent.name.partition("=")[2]: path for path in root.glob("contacts/recording=*/contacts.parquet")}
     if not found:
         raise InputError("holds no results of vbaa batch", where=root, remedy="name the folder that it wrote")

@@ -1,4 +1,4 @@
-"""`vbaa demo`: the whole way on a bundled scene, by the very commands a user would type."""
+"""`vbaa demo`: the whole chain on a bundled scene, by the same commands that a user would type."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def _whole_way(args: argparse.Namespace, out: Path, started: float) -> dict[str,
 
 
 def _finish(out: Path, seconds: float, argv: Sequence[str]) -> dict[str, Any]:
-    """Score, table, report.html and summary.json. `argv` is the demo's command line, printed in the report."""
+    """Write score, table, report.html and summary.json. argv : the demo's command line, for the report."""
     from estimator.table.files import read_contacts
     from vbaa_calib.rig import Rig
     from viz.report.make import Sources, make_report
@@ -114,7 +114,7 @@ def _finish(out: Path, seconds: float, argv: Sequence[str]) -> dict[str, Any]:
 
 
 def _score(rig: Rig, contacts: ContactTable, truth: Mapping[str, Any]) -> dict[str, Any]:
-    """Root mean square errors over the frames that were located, and the calibration's errors. SI units.
+    """Root mean square errors over the located frames, and the calibration's errors. SI units.
 
     `frames_ok` counts the frames with the right status: located where there is contact, free where not. Force and
     direction are those across the antenna (y, z), the force's error over its true size. `nees` is the mean squared

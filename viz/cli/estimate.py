@@ -41,7 +41,7 @@ FRICTION_RAD = 0.2
 
 
 def add_estimator_options(parser: argparse.ArgumentParser, *, learns_background: bool = True) -> None:
-    """The options of the estimator itself, which `estimate`, `live` and `batch` share."""
+    """Add the options of the estimator itself, which `estimate`, `live` and `batch` share."""
     parser.add_argument(
         "--model", default="auto", choices=MODELS, help="mechanical model (default: the lowest that suffices)"
     )
@@ -166,7 +166,8 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, Verdict]:
-    """contacts.csv; what became of the frames, what was taken off them, and the verdict on the recording."""
+    """Write contacts.csv; returns the frames by status, the corrections that were applied, and the verdict on the
+    recording."""
     import numpy as np
 
     from estimator.contact.drift import drift_in_words, summary
@@ -191,7 +192,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
         raise InputError(what, where=args.rig, remedy="leave it out: one contact at a time")
 
     def rows() -> Iterator[ContactRow]:
-        """Of every frame, each drawn into the overlay folder on its way where one is asked for."""
+        """The rows of every frame, each drawn into the overlay folder where one is asked for."""
         nonlocal verdict, pairs
         found = progress(frames.items, "contacts", frames.count)
         remarks = list[str]()
@@ -271,8 +272,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
 
 @dataclass(frozen=True, eq=False)
 class _Recording:
-    """Frames that are estimated as they are asked for, how many where that is known, and what came with them; where
-    clamps move, the antennas' names."""
+    """Frames that are estimated on demand, their number if known, and notes; where clamps move, the antennas' names."""
 
     items: Iterable[FrameContact]
     count: int | None
@@ -314,7 +314,7 @@ def _from_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator,
 
 
 def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator, _Recording]:
-    """A bag, a video, a table of pictures, or centrelines. Raises InputError."""
+    """The recording in a bag, a video, a table of pictures, or centrelines. Raises InputError."""
     from estimator.contact.recording import estimate_centrelines, estimate_taken
     from estimator.contact.source import sample_of, unpacked
     from estimator.contact.surroundings import surroundings
@@ -354,7 +354,8 @@ def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimat
 
 
 def _of_moving_clamps(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator, _Recording]:
-    """Centrelines of antennas with moving clamps, all that the file and the rig have. Raises InputError."""
+    """The recording of antennas with moving clamps, by centrelines of all that both file and rig have. Raises
+    InputError."""
     from estimator.contact.moving_clamp import clamp_tracks, estimate_antennas
 
     for name in ("background", "overlay"):
@@ -379,7 +380,7 @@ def _of_moving_clamps(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstima
 
 
 def _say_silent(frames: Sequence[Frame], rig: Rig) -> None:
-    """A word about readings that are missing, or not used."""
+    """Print a warning about readings that are missing or not used."""
     import numpy as np
 
     from vbaa_calib.session import READINGS

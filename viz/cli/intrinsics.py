@@ -108,7 +108,7 @@ def _board(args: argparse.Namespace) -> Board:
 
 @contextmanager
 def _folder_of(args: argparse.Namespace) -> Iterator[Path]:
-    """The pictures' folder; of a video or bag one of its sharp and different pictures. Raises InputError."""
+    """The pictures' folder; for a video or bag a folder with its sharp and different pictures. Raises InputError."""
     from vbaa_calib.streams.bags import Topics
     from vbaa_calib.streams.pictures import unpack_views
     from vbaa_calib.streams.recorded import is_recorded
@@ -167,7 +167,7 @@ def _solved(args: argparse.Namespace, images: Path, spec: Board) -> dict[str, An
 
 
 def _report(solution: LensSolution) -> None:
-    """The result in a few lines of prose."""
+    """Print the result in a few lines of prose."""
     matrix, covariance = solution.camera.matrix, solution.camera.covariance
     assert covariance is not None
     std = covariance.diagonal().clip(0.0) ** 0.5

@@ -1,4 +1,4 @@
-"""`vbaa live RIG SOURCE`: pictures and readings in, contacts out, as they happen."""
+"""`vbaa live RIG SOURCE`: estimates contacts from pictures and readings as they come."""
 
 from __future__ import annotations
 
@@ -72,8 +72,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict[str, Any]:
-    """Estimate a stream until it ends or is interrupted. Returns the summary; the exit code is 1 where the verdict on
-    the recording is wrong. Raises InputError before any work."""
+    """Estimate a stream until it ends or is interrupted. Returns the summary; the exit code is 1 where the verdict
+    on the recording is wrong. Raises InputError before any work."""
     from dataclasses import replace
 
     from estimator.contact.estimate import ContactEstimator
@@ -133,7 +133,7 @@ def _clocked(args: argparse.Namespace, estimator: ContactEstimator, timing: Timi
 
 
 def _source(args: argparse.Namespace, rig: Rig, timing: Timing) -> MessageSource:
-    """The source that is named, with its readings. Raises InputError."""
+    """The named source with its readings. Raises InputError."""
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.streams.devices import udp_socket, with_datagrams
     from vbaa_calib.streams.recorded import is_recorded, open_running
@@ -162,7 +162,7 @@ def _source(args: argparse.Namespace, rig: Rig, timing: Timing) -> MessageSource
 
 
 def _key(args: argparse.Namespace) -> bytes | None:
-    """The secret of --udp-key. Raises InputError for a short one, and for one that others may read."""
+    """The secret of --udp-key. Raises InputError for a short one, and for one that other users can read."""
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.core.files import read_bytes
 
@@ -181,7 +181,7 @@ def _key(args: argparse.Namespace) -> bytes | None:
 
 
 def _sinks(args: argparse.Namespace, stack: ExitStack) -> list[_Sink]:
-    """Where contacts go; all are closed with the stack, whole. Raises InputError for a file in the way."""
+    """The outputs of contacts; all are closed, complete, with the stack. Raises InputError for an existing file."""
     from estimator.live.outputs import ContactBag, Datagrams, GrowingTable
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.streams.bag_of_session import refuse_bag
@@ -219,7 +219,7 @@ def _same(one: Path, other: Path) -> bool:
 
 
 class _Lines:
-    """JSON lines on standard output."""
+    """An output of JSON lines on standard output."""
 
     def write(self, contact: LiveContact) -> None:
         from estimator.live.outputs import json_line
@@ -227,11 +227,11 @@ class _Lines:
         print(json_line(contact), flush=True)
 
     def close(self) -> None:
-        """Standard output stays open."""
+        """Does nothing: standard output stays open."""
 
 
 def _follow(source: MessageSource, live: LiveEstimator, sinks: list[_Sink], monitor: _Monitor) -> None:
-    """Every contact to every sink, until the source ends or Ctrl-C."""
+    """Send every contact to every output, until the source ends or Ctrl-C."""
     from estimator.live.outputs import GrowingTable
     from vbaa_calib.streams import now_s
 
@@ -262,7 +262,7 @@ def _follow(source: MessageSource, live: LiveEstimator, sinks: list[_Sink], moni
 
 @contextmanager
 def _interruptible() -> Iterator[list[int]]:
-    """Ctrl-C is noted, so that nothing breaks off in its middle; a second one ends it at once."""
+    """Context in which Ctrl-C is only noted, so that nothing is cut off midway; a second one ends it at once."""
     noted: list[int] = []
 
     def note(number: int, frame: Any) -> None:
@@ -282,7 +282,7 @@ def _interruptible() -> Iterator[list[int]]:
 
 @dataclass(eq=False)
 class _Monitor:
-    """What a person sees while it runs, and the summary in the end."""
+    """What a person sees while it runs, and the summary at the end."""
 
     source: MessageSource
     live: LiveEstimator
@@ -304,7 +304,7 @@ class _Monitor:
 
     @property
     def stopped(self) -> bool:
-        """Whether an alarm ends it."""
+        """Whether an alarm ends the run."""
         return self.stops and self.live.watch is not None and bool(self.live.watch.alarms)
 
     def write(self, contact: LiveContact) -> None:
@@ -329,7 +329,7 @@ class _Monitor:
             self._show(contact, now_s)
 
     def news(self) -> None:
-        """Says what the source has to tell, as it comes, and once that the pictures have changed their size."""
+        """Print the source's notes as they come, and once that the pictures' size has changed."""
         from vbaa_calib.core.console import say
 
         for note in self.source.notes[self.reported :]:
@@ -341,7 +341,7 @@ class _Monitor:
             say(f"warning: {other} than the rig's come, and are left out")
 
     def _warn(self, frame: int) -> None:
-        """Says once of each thing that is wrong with the recording, or looks wrong, that it is."""
+        """Print each diagnosis of the recording once."""
         from vbaa_calib.core.console import say
 
         verdict = self.live.verdict.now.verdict
@@ -368,7 +368,7 @@ class _Monitor:
         )
 
     def summary(self, args: argparse.Namespace) -> dict[str, Any]:
-        """Says what came of it, and returns that in numbers."""
+        """Print the summary, and return it as numbers."""
         import numpy as np
 
         from estimator.contact.drift import drift_in_words

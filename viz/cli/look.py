@@ -1,4 +1,4 @@
-"""`vbaa look`: what is seen of the antenna in one picture, in words and as a debug picture."""
+"""`vbaa look`: the antenna's detection in one picture, in words and as a debug picture."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict[str, Any]:
-    """Look for the antenna. Returns the verdict and its numbers; the exit code is 0 whatever the verdict.
+    """Detect the antenna. Returns the result and its numbers; the exit code is 0 whatever the result.
 
     Raises InputError for a broken picture or rig, a wrong size or angle, or a file in the way.
     """

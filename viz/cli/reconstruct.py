@@ -22,7 +22,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict[str, Any]:
-    """Write the surface. Returns what it is made of. Raises InputError for wrong input or a file in the way."""
+    """Write the surface. Returns its numbers. Raises InputError for wrong input or an existing file."""
     from estimator.object.surface import reconstruct, touches_of
     from estimator.table.files import read_contacts
     from vbaa_calib.core.robust import finite_median, finite_or_none

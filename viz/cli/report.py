@@ -1,4 +1,4 @@
-"""`vbaa report`: contacts.csv as a page to read."""
+"""`vbaa report`: contacts.csv as an HTML page."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict[str, Any]:
-    """Write the page. Returns where it is. Raises InputError for wrong input or a file in the way."""
+    """Write the page. Returns its path. Raises InputError for wrong input or an existing file."""
     output = report_path(args.contacts) if args.output is None else args.output
     refuse_output(output, PAGES, args.force)
     if args.session is not None and args.rig is None:

@@ -1,4 +1,4 @@
-"""What `vbaa live` and `vbaa estimate` have in common: the arguments about streams, and the sources they mean."""
+"""Options about streams that `vbaa live`, `estimate` and `batch` share, and the sources that they select."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _ROLES = ("image", "moment", "joints", "camera")
 
 
 def add_watch(parser: argparse.ArgumentParser) -> None:
-    """Add --watch, of a rig that is in use."""
+    """Add --watch, for a rig in use."""
     parser.add_argument(
         "--watch",
         nargs="?",
@@ -36,7 +36,7 @@ def add_watch(parser: argparse.ArgumentParser) -> None:
 
 
 def configure(parser: argparse.ArgumentParser, *, readings: bool = True) -> None:
-    """Arguments about streams; `readings`: those of a file, too."""
+    """Add the options about streams. readings : also those of a file of readings."""
     group = parser.add_argument_group("streams")
     if readings:
         group.add_argument(
@@ -116,7 +116,7 @@ ESTIMATE = "estimate"
 
 
 def options_of(args: argparse.Namespace) -> StreamOptions:
-    """How bags and videos are read. Raises InputError as `timing_of` and `_topics_of` do."""
+    """The options of reading bags and videos. Raises InputError as `timing_of` and `_topics_of`."""
     from estimator.contact.source import StreamOptions
 
     if args.clock_offset == ESTIMATE and args.no_moment:
@@ -126,7 +126,7 @@ def options_of(args: argparse.Namespace) -> StreamOptions:
 
 
 def timing_of(args: argparse.Namespace, rig: Rig | None = None) -> Timing:
-    """How readings and pictures belong together, of this rig's sensor; the clocks' offset is 0 where it is to be
+    """How readings and pictures are matched, with this rig's sensor; the clocks' offset is 0 where it is to be
     estimated.
 
     Raises InputError for times and angles that cannot be.
@@ -155,7 +155,7 @@ def timing_of(args: argparse.Namespace, rig: Rig | None = None) -> Timing:
 def clocked(
     args: argparse.Namespace, path: Path, estimator: ContactEstimator, timing: Timing, ground: Ground | None
 ) -> Timing:
-    """The timing with the clocks' offset, estimated from a recorded source if that is asked for, and so are those of
+    """The timing with the clocks' offset, estimated from a recorded source if that is asked for; so are those of
     further cameras, in `args`. Raises InputError."""
     from estimator.contact.clock import recorded_clock_offset
     from vbaa_calib.core.console import say
@@ -188,7 +188,7 @@ def clocked(
 
 
 def _topics_of(args: argparse.Namespace) -> Topics:
-    """Which topics of a bag to take. Raises InputError for what is no role."""
+    """The topics to read from a bag. Raises InputError for an unknown role."""
     from vbaa_calib.streams.bags import Topics
 
     named = named_topics(args.topic, None)
@@ -198,7 +198,7 @@ def _topics_of(args: argparse.Namespace) -> Topics:
 
 
 def views_of(args: argparse.Namespace, rig: Rig) -> dict[str, tuple[str, float]]:
-    """Sources and time offsets of the cameras that --source or --camera-offset name; "" without a source of its own.
+    """Sources and time offsets of the cameras in --source and --camera-offset; "" without a source of its own.
     Raises InputError."""
     flags = {"--source": args.camera_sources, "--camera-offset": args.camera_offset}
     sources, offsets = (_by_camera(flag, entries, rig) for flag, entries in flags.items())
@@ -217,7 +217,8 @@ def views_of(args: argparse.Namespace, rig: Rig) -> dict[str, tuple[str, float]]
 
 
 def _by_camera(flag: str, entries: Iterable[str], rig: Rig) -> dict[str, str]:
-    """Values by camera, of NAME=VALUE. Raises InputError for another camera than the rig's, and a second value."""
+    """Values of NAME=VALUE by camera. Raises InputError for a camera that the rig does not have, and for a second
+    value."""
     found: dict[str, str] = {}
     for text in entries:
         name, _, value = text.partition("=")
@@ -229,7 +230,7 @@ def _by_camera(flag: str, entries: Iterable[str], rig: Rig) -> dict[str, str]:
 
 
 def named_topics(entries: Iterable[str], roles: Sequence[str] | None = _ROLES) -> dict[str, str]:
-    """Topics by their role, of ROLE=NAME; of any role without `roles`. Raises InputError for what is none."""
+    """Topics of ROLE=NAME by role; without `roles` of any role. Raises InputError for an unknown role."""
     named = {}
     for text in entries:
         role, _, name = text.partition("=")
@@ -255,8 +256,8 @@ def recorded(args: argparse.Namespace, path: Path, rig: Rig, timing: Timing) -> 
 
 
 def tracked(args: argparse.Namespace, cameras: Sequence[str]) -> tuple[Sequence[Frame], Centrelines]:
-    """Frames and their centrelines (N, 3) from one's own tracker, of several cameras by their names. Raises InputError
-    with file, line and remedy."""
+    """Frames and their centrelines (N, 3) from another tracker, of several cameras by name. Raises InputError with
+    file, line and remedy."""
     from vbaa_calib.session import centrelines_of
 
     lines = centrelines_of(args.centrelines, args.line, cameras)
@@ -264,7 +265,7 @@ def tracked(args: argparse.Namespace, cameras: Sequence[str]) -> tuple[Sequence[
 
 
 def tracked_antennas(args: argparse.Namespace) -> tuple[Sequence[Frame], Mapping[str, Centrelines]]:
-    """Frames and the centrelines of several antennas by name. Raises InputError as `tracked` does."""
+    """Frames and the centrelines of several antennas, by name. Raises InputError as `tracked`."""
     from vbaa_calib.session import antennas_of
 
     lines = antennas_of(args.centrelines, args.line)
@@ -272,7 +273,7 @@ def tracked_antennas(args: argparse.Namespace) -> tuple[Sequence[Frame], Mapping
 
 
 def _frames_of(args: argparse.Namespace, lines: Mapping[str, Centrelines]) -> Sequence[Frame]:
-    """The frames that lines by name are of.
+    """The frames of several antennas' lines.
 
     Without readings: vision alone, the joints as --pan and --tilt say, times by --rate, or else a second from frame to
     frame, so that none is tested for motion.

@@ -65,7 +65,7 @@ def _in_rerun(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _run(args: argparse.Namespace) -> dict[str, Any]:
-    """Draw the scene. Returns what was drawn and written.
+    """Draw the scene. Returns the scene's contents and the files written.
 
     Raises InputError for wrong input, a file in the way, or no display for a window; VbaaError where none works.
     """
@@ -126,7 +126,7 @@ def _no_display() -> Exception:
 
 
 def _scene_of(args: argparse.Namespace) -> tuple[Scene, int]:
-    """All that is read and found, as a scene, and how many frames that was."""
+    """The scene of all inputs, and its number of frames."""
     from estimator.object.estimate import estimate_object
     from estimator.table.files import read_contacts
     from vbaa_calib.cli.usable_rig import usable_rig

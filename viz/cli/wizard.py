@@ -65,7 +65,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict[str, Any]:
-    """Walk through the steps. Returns the verdict and where everything is.
+    """Walk through the steps. Returns the verdict and the paths of all results.
 
     Raises InputError for whatever is wrong or missing, where nobody is there to be asked; VbaaError for a disk that is
     full or gone.
@@ -94,7 +94,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _all_answers(args: argparse.Namespace) -> dict[str, Any]:
-    """Answers of --answers and of flags, which win; checked. Raises InputError."""
+    """The checked answers of --answers and of flags, which take precedence. Raises InputError."""
     from vbaa_calib.wizard.asking import absolute
     from vbaa_calib.wizard.questions import ReadingsTable
 
@@ -181,8 +181,8 @@ def _walk(args: argparse.Namespace, store: Store, answers: dict[str, Any]) -> di
 
 
 def _further_cameras(state: SessionState, ui: Ui) -> bool:
-    """Calibrate the further cameras that are named, each in a session of its own in cameras/NAME of this one, and put
-    them into rig.json. Returns whether nothing stopped it.
+    """Calibrate the further named cameras, each in a session of its own in cameras/NAME of this one, and add them to
+    rig.json. Returns whether all were calibrated.
 
     Raises InputError for a name that is none, and for another antenna.
     """
@@ -226,7 +226,7 @@ def _further_cameras(state: SessionState, ui: Ui) -> bool:
 
 
 def _conclusion(store: Store, ui: Ui) -> dict[str, Any]:
-    """A session's walk to its verdict. Raises Interrupted where the person stops."""
+    """Walk through a session to its verdict. Raises Interrupted where the user stops."""
     from estimator.budget.budget import next_observations
     from vbaa_calib.wizard.flow import walk
     from vbaa_calib.wizard.session_state import SessionState
@@ -236,7 +236,7 @@ def _conclusion(store: Store, ui: Ui) -> dict[str, Any]:
 
 
 def _of_all_cameras(store: Store) -> dict[str, Any]:
-    """The answers of a session that hold for a further camera, too: board, jig, antenna and loads."""
+    """The answers of a session that apply to a further camera, too: board, jig, antenna and loads."""
     from vbaa_calib.wizard.session_state import BOARD
 
     of_one = {"source", "paper", "measure_x_mm", "measure_y_mm", "camera_distance_mm", "camera_inclination_deg"}
@@ -246,7 +246,7 @@ def _of_all_cameras(store: Store) -> dict[str, Any]:
 
 
 def _greeting(store: Store, session: Path, url: str) -> list[str]:
-    """Paragraphs for whoever starts the wizard. url : of the live page, "" for none."""
+    """Paragraphs printed at the start. url : of the live page, "" for none."""
     from vbaa_calib.wizard.steps import STEP_BY_NAME
 
     titles = {name: step.title for name, step in STEP_BY_NAME.items()}

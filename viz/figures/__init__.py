@@ -1,1 +1,1 @@
-"""Figures of the reports: SVG inside a page."""
+"""Figures of the reports as SVG."""

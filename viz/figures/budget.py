@@ -1,4 +1,5 @@
-"""The figure of `vbaa budget`: what makes up each standard deviation, and that of the distance along the antenna."""
+"""The figure of `vbaa budget`: contributions to each standard deviation, and the distance's standard deviation along
+the antenna."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ Looks = tuple[str, str]
 
 
 def budget_figure(budget: Budget) -> str:
-    """An SVG file: shares of each result's variance, those of the calibration's part, and l's deviation along l."""
+    """An SVG file: shares of each result's variance, those of the calibration's part, and the standard deviation of
+    l along l."""
     look: dict[str, Looks] = {cause: (one.name, one.colour) for cause, one in CAUSES.items()}
     of_rig = {look[cause]: rows for cause, rows in budget.variances.items() if cause not in OWN}
     grouped = {look[cause]: rows for cause, rows in budget.variances.items() if cause in OWN}
@@ -53,7 +55,7 @@ def _plot(title: str, **axes: Any) -> Plot:
 
 
 def _shares(variances: Mapping[Looks, np.ndarray]) -> dict[Looks, np.ndarray]:
-    """Of each cause that is seen in it, its share of each result's variance, percent."""
+    """The share, percent, of each visible cause in each result's variance."""
     means = {one: np.array([per_result(rows)[name].mean() for name in TABLES]) for one, rows in variances.items()}
     total: np.ndarray = np.sum(list(means.values()), axis=0)
     shares = {one: 100.0 * mean / np.where(total > 0.0, total, 1.0) for one, mean in means.items()}
@@ -62,7 +64,7 @@ def _shares(variances: Mapping[Looks, np.ndarray]) -> dict[Looks, np.ndarray]:
 
 
 def _bars(title: str, std: Mapping[str, float], variances: Mapping[Looks, np.ndarray]) -> Plot:
-    """Stacked shares of the variance of each result, and the deviations `std` over them."""
+    """Stacked bars of the shares of each result's variance, with the standard deviations `std` above them."""
     axes = _plot(
         title,
         x=(-0.5, len(TABLES) - 0.5),
@@ -85,7 +87,7 @@ def _bars(title: str, std: Mapping[str, float], variances: Mapping[Looks, np.nda
 
 
 def _along(budget: Budget, variances: Mapping[Looks, np.ndarray]) -> Plot:
-    """The deviation of l over the distance, rms over directions and loads."""
+    """Standard deviation of l against the distance, rms over directions and loads."""
     distances, which = np.unique(budget.touches.distance_m, return_inverse=True)
     every = {**variances, ("all", STYLE.ink): np.sum(list(budget.variances.values()), axis=0)}
     logs = {

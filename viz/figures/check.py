@@ -1,4 +1,4 @@
-"""Figures of `vbaa check`: over the camera's picture, and of views, the free antenna, loads and moments."""
+"""Figures of `vbaa check`: maps over the camera's picture; views, free antenna, loads and moments."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .settings import STYLE
 
 
 def _picture_axes(title: str, image_size: Sequence[float], right: float = 18.0, grid: str = "xy") -> Plot:
-    """Axes over a picture (width, height), rows downward, its aspect kept."""
+    """Axes over a picture (width, height) with rows downwards and its aspect ratio."""
     width, height = (float(size) for size in image_size)
     size = (76 + STYLE.map_px + right, 104 + STYLE.map_px * height / width)
     ends = ((-0.5, width - 0.5), (height - 0.5, -0.5))
@@ -25,7 +25,7 @@ def _picture_axes(title: str, image_size: Sequence[float], right: float = 18.0, 
 
 
 def heat_map(title: str, data: Mapping[str, Any], image_size: Sequence[float], extra: Sequence[Mapping] = ()) -> Plot:
-    """A map of standard deviations as a picture with contours, a scale, and what lies over it.
+    """A map of standard deviations as a coloured picture with contours, a scale, and overlaid marks.
 
     data : a map of check.json, and `has_ray`, where the lens has a ray.
     extra : rows of `along_antenna`: the antenna's axis is drawn through them.
@@ -77,7 +77,7 @@ def _heat(share: np.ndarray) -> bytes:
 
 
 def _levels(low: float, high: float) -> list[float]:
-    """Round values between two, evenly spaced, or by factors where high is many times low."""
+    """Round values between two, evenly spaced, or by constant factors where high is many times low."""
     if not 0 < low < high:
         return []
     found = ticks_in(low, high, STYLE.most_levels - 1)[0]
@@ -89,12 +89,12 @@ def _levels(low: float, high: float) -> list[float]:
 
 
 def _contours(x: np.ndarray, y: np.ndarray, values: np.ndarray, at: float) -> list[np.ndarray]:
-    """Lines (K, 2) along which values (rows, columns) over x and y are `at`."""
+    """Contour lines (K, 2) of values (rows, columns) over x and y at the level `at`."""
     return [np.asarray(one) for one in contour_generator(x, y, np.ma.masked_invalid(values)).lines(at)]
 
 
 def _write_scale(axes: Plot, low: float, high: float, title: str) -> None:
-    """A bar of the map's colours to the right of it, with five values, and what they are."""
+    """Draw a bar of the map's colours on the right, with five values and a title."""
     (wide, tall), (left, _, top, _), (bottom, end) = axes.inner, axes.margins, axes.y
     colours = hexes(on_ramp(STYLE.map, 1.0 - (np.arange(42) + 0.5) / 42))
     for row, colour in enumerate(colours):
@@ -107,7 +107,7 @@ def _write_scale(axes: Plot, low: float, high: float, title: str) -> None:
 
 
 def coverage(boards: Sequence[Mapping[str, Any]], image_size: Sequence[float]) -> Plot:
-    """Where the corners lie, and how many in each of 8 × 6 fields."""
+    """Positions of the corners, and their number in each of 8 × 6 fields."""
     axes, size = _picture_axes("where the corners lie", image_size), np.array(image_size, float)
     corners_px = _joined(boards)[0]
     cells = np.clip((corners_px + 0.5) / size * STYLE.cells, 0, np.array(STYLE.cells) - 1).astype(int)
@@ -123,7 +123,7 @@ def coverage(boards: Sequence[Mapping[str, Any]], image_size: Sequence[float]) -
 
 
 def residual_arrows(boards: Sequence[Mapping[str, Any]], image_size: Sequence[float]) -> Plot:
-    """Residuals as arrows from predicted to seen, enlarged alike."""
+    """Residuals as equally enlarged arrows from the predicted to the detected corners."""
     lengths = np.linalg.norm(_joined(boards)[1], axis=1)
     long_px = max(float(np.quantile(lengths, 0.95)), 1e-6)
     factor = round_down(0.045 * float(image_size[0]) / long_px)
@@ -144,14 +144,14 @@ def residual_arrows(boards: Sequence[Mapping[str, Any]], image_size: Sequence[fl
 
 
 def _joined(boards: Sequence[Mapping[str, Any]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Corners (N, 2), residuals (N, 2) and which of them are good (N,), of all views."""
+    """Corners (N, 2), residuals (N, 2) and the mask (N,) of the good ones, of all views."""
     names = ("corners_px", "residuals_px", "good")
     corners, residuals, good = ([row for view in boards for row in view[name]] for name in names)
     return np.array(corners, float).reshape(-1, 2), np.array(residuals, float).reshape(-1, 2), np.array(good, bool)
 
 
 def residuals_by_radius(boards: Sequence[Mapping[str, Any]], centre_px: Sequence[float]) -> Plot:
-    """Residuals along the radius over the distance from the lens' centre, with their mean over rings."""
+    """Radial residuals against the distance from the lens's centre, with their mean over rings."""
     corners, residuals, good = _joined(boards)
     away = corners - centre_px
     radius = np.linalg.norm(away, axis=1)
@@ -176,7 +176,7 @@ def residuals_by_radius(boards: Sequence[Mapping[str, Any]], centre_px: Sequence
 
 
 def views_rms(boards: Sequence[Mapping[str, Any]], expected_px: float | None) -> Plot:
-    """Each picture's rms; the worst where there are many."""
+    """The rms of each picture; only the worst where there are many."""
     worst = sorted(boards, key=lambda view: -float(view["rms_px"]))[: STYLE.most_views]
     listed = sorted(worst, key=lambda view: (view["folder"], view["name"]))
     names, rms = [str(view["name"])[-24:] for view in listed], [float(view["rms_px"]) for view in listed]
@@ -205,7 +205,7 @@ def views_rms(boards: Sequence[Mapping[str, Any]], expected_px: float | None) ->
 
 
 def free_residuals(rows: Sequence[Mapping[str, Any]], length_mm: float) -> Plot:
-    """The free antenna's residuals along it, one line a picture."""
+    """The free antenna's residuals along it, one curve per picture."""
     every = np.concatenate([np.array(row["residual_mm"], float) for row in rows])
     reach = max(1.15 * float(np.abs(every).max(initial=0.0)), 0.02)
     labels = ("distance from the clamp, mm", "residual across it, mm")
@@ -218,7 +218,7 @@ def free_residuals(rows: Sequence[Mapping[str, Any]], length_mm: float) -> Plot:
 
 
 def stiffness_by_load(loads: Sequence[Mapping[str, Any]]) -> Plot:
-    """EI by each load alone, against the rig's."""
+    """EI from each load alone, compared with the rig's."""
     step = np.array([row["stiffness_percent"] for row in loads], float)
     std = np.array([row["stiffness_std_percent"] for row in loads], float)
     suspect = np.array([row["look_at"] for row in loads], bool)
@@ -233,7 +233,7 @@ def stiffness_by_load(loads: Sequence[Mapping[str, Any]]) -> Plot:
 
 
 def moment_residuals(rows: Sequence[Mapping[str, Any]], std_Nm: float) -> Plot:
-    """The sensor's readings less what the rig predicts, free frames and loads."""
+    """The sensor's readings less the rig's predictions, for free frames and loads."""
     residual = 1e3 * np.array([row["moment_residual_mNm"] for row in rows], float)
     loaded = np.array(["distance_mm" in row for row in rows], bool)
     number, std = np.arange(1, len(rows) + 1), 1e6 * std_Nm

@@ -1,4 +1,4 @@
-"""Figures of the contacts together: maps, forces across the antenna, friction cone (paper, Fig. 5), indentation."""
+"""Figures of all contacts: maps, forces across the antenna, friction cone (paper, Fig. 5), indentation."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
 
 def contact_maps(contacts: ContactTable, surface: Surface | None, truth_m: np.ndarray) -> tuple[list[Plot], int]:
-    """Three views of located contacts with their ellipses, the object and true points (Q, 3), equal scales in mm.
+    """Three orthogonal views of located contacts with their ellipses, the object and true points (Q, 3), at one
+    scale, mm.
 
     Also returns how many times larger ellipses are drawn, so that the usual one can be seen; 1 where it can.
     """
@@ -70,7 +71,7 @@ def _contact_map(
 
 
 def forces_across(contacts: ContactTable) -> Plot:
-    """f_z over f_y, each contact an arrow's head from the origin (paper, Fig. 5)."""
+    """f_z against f_y: each contact is the head of an arrow from the origin (paper, Fig. 5)."""
     whole = np.isfinite(contacts.force_y_N + contacts.force_z_N)
     force = 1e3 * np.stack([contacts.force_y_N, contacts.force_z_N], axis=1)[whole]
     std = 1e3 * np.stack([contacts.force_y_std_N, contacts.force_z_std_N], axis=1)[whole]
@@ -92,7 +93,7 @@ def forces_across(contacts: ContactTable) -> Plot:
 
 
 def friction_cone(friction: Friction, force_N: np.ndarray, true_mu: float = np.nan) -> Plot:
-    """Force across antenna and normal over that along the object's normal, within the cone tan α = μ.
+    """Force across antenna and normal against the force along the object's normal, with the cone tan α = μ.
 
     force_N : (P, 3) of the contacts that friction was estimated from. true_mu : NaN where it is not known.
     """
@@ -127,7 +128,7 @@ def friction_cone(friction: Friction, force_N: np.ndarray, true_mu: float = np.n
 
 
 def _cone_lines(axes: Plot, mu: float, interval: np.ndarray, true_mu: float) -> list[tuple[str, str, str]]:
-    """The cone or its bounds, and the true one; the legend's entries."""
+    """Draw the cone or its bounds, and the true one; returns the legend's entries."""
     x = np.array([0.0, axes.x[1]])
     bounds = [bound for bound in interval if 0 < bound < STYLE.steep]
     for sign in (-1.0, 1.0):
@@ -149,7 +150,7 @@ def _cone_lines(axes: Plot, mu: float, interval: np.ndarray, true_mu: float) -> 
 
 
 def indentation(surface: Surface, contacts: ContactTable, radius_m: float, true_compliance_m_N: float = np.nan) -> Plot:
-    """Indentation over the normal force of the surface's touches, with the fitted line.
+    """Indentation against normal force of the surface's touches, with the fitted line.
 
     contacts : the table's rows of the touches. radius_m : of the antenna. true_compliance_m_N : NaN if not known.
     """

@@ -1,4 +1,4 @@
-"""What all figures share: axes of a fixed size with ticks, marks in the data's units, and how they become SVG."""
+"""Common parts of all figures: axes of a fixed size with ticks, marks in the data's units, conversion to SVG."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Ticks = tuple[Sequence[float], Sequence[str]]
 
 @dataclass(frozen=True, eq=False)
 class PlotMarks:
-    """Marks that look alike, in the units of their axes.
+    """Marks of the same appearance, in the units of their axes.
 
     Attributes
     ----------
@@ -53,8 +53,8 @@ class PlotMarks:
 
 @dataclass(frozen=True, eq=False)
 class Plot:
-    """Axes in a figure of `size` (width, height) px with `margins` left, right, top, bottom; limits `x`, `y`, rising or
-    falling. What is drawn is appended to `marks`, in the order of drawing, and as SVG to `under` and `over` them."""
+    """Axes in a figure of `size` (width, height) px with `margins` left, right, top, bottom; limits `x`, `y`,
+    increasing or decreasing. Drawing appends to `marks` in order, and SVG to `under` and `over` them."""
 
     title: str
     size: tuple[float, float] = (520.0, 344.0)
@@ -72,7 +72,7 @@ class Plot:
 
     @property
     def inner(self) -> tuple[float, float]:
-        """Width and height of the plot itself, px."""
+        """Width and height of the plotting area, px."""
         (width, height), (left, right, top, bottom) = self.size, self.margins
         return width - left - right, height - top - bottom
 
@@ -122,48 +122,48 @@ class Plot:
         return Markup(f'<svg {attributes} viewBox="{box}" role="img" aria-label="{name}">{"".join(parts)}</svg>')
 
     def paths(self, points: ArrayLike, name: str, **look: Any) -> None:
-        """N lines or, with `fill`, polygons of K corners, (N, K, 2), as one mark; nothing for none."""
+        """Draw N lines or, with `fill`, polygons of K corners, (N, K, 2), as one mark."""
         points = np.asarray(points, float)
         if len(points):
             self.marks.append(PlotMarks(name, points, **look))
 
     def line(self, x: Places, y: Places, colour: str, width: float = 1.0, name: str = "line", **look: Any) -> None:
-        """One line through x, y (K,)."""
+        """Draw a line through x, y (K,)."""
         self.paths(np.column_stack([x, y])[None], name, stroke=colour, width=width, **look)
 
     def level(self, y: float = 0.0, colour: str = STYLE.soft) -> None:
-        """A line at y over the whole plot."""
+        """Draw a horizontal line at y."""
         self.line(self.x, (y, y), colour, name="level")
 
     def upright(self, x: float, colour: str = STYLE.soft, **look: Any) -> None:
-        """A line at x over the whole plot."""
+        """Draw a vertical line at x."""
         self.line((x, x), self.y, colour, name="upright", **look)
 
     def write(self, at: Places, words: str, anchor: str, kind: str = "", shift: Places = (0.0, 0.0)) -> None:
-        """Words over the marks at a place (2,), moved to the right and down by px. `anchor` is start, middle or end,
-        `kind` a class of style.css."""
+        """Write text over the marks at a place (2,), shifted to the right and down by px. anchor : start, middle or
+        end. kind : a class of style.css."""
         x, y = (self.pixels(np.asarray(at)) + np.array(self.margins)[[0, 2]] + shift).tolist()
         self.over.append(_text(x, y, words, anchor, kind))
 
     def dots(self, x: np.ndarray, y: np.ndarray, colour: str, size: float = 5.0) -> None:
-        """Filled points at x, y (N,); any number of them is one short path."""
+        """Draw filled points at x, y (N,), as one short path however many there are."""
         if len(x):
             at = np.column_stack([x, y]).astype(float)[:, None]
             self.marks.append(PlotMarks("dots", at, stroke=colour, width=size, round_ends=True))
 
     def bars(self, x: np.ndarray, low: np.ndarray, high: np.ndarray, colour: str, width: float = 1.3) -> None:
-        """Upright bars from low to high (N,), cut at the plot's edge."""
+        """Draw vertical bars from low to high (N,), clipped at the plot's edge."""
         ends = [np.column_stack([x, np.clip(end, min(self.y), max(self.y))]) for end in (low, high)]
         self.paths(np.stack(ends, axis=1), "bars", stroke=colour, width=width)
 
     def band(self, x: np.ndarray, low: np.ndarray, high: np.ndarray, colour: str, alpha: float = 0.22) -> None:
-        """What lies between low and high (N,) over x, cut at the plot's edge."""
+        """Fill the area between low and high (N,) over x, clipped at the plot's edge."""
         low, high = (np.clip(end, min(self.y), max(self.y)) for end in (low, high))
         outline = np.column_stack([np.concatenate([x, x[::-1]]), np.concatenate([high, low[::-1]])])
         self.paths(outline[None], "band", fill=pale(colour, alpha))
 
     def ellipses(self, centre: np.ndarray, covariance: np.ndarray, colours: Sequence[str]) -> None:
-        """Ellipses of two standard deviations around centre (N, 2) by covariance (N, 2, 2); N colours."""
+        """Draw ellipses of two standard deviations around centre (N, 2) by covariance (N, 2, 2), in N colours."""
         variance, turn = np.linalg.eigh(covariance)
         half_axes = turn * 2.0 * np.sqrt(np.clip(variance, 0.0, None))[:, None, :]
         shapes = centre[:, None] + np.concatenate([np.zeros((len(centre), 1, 2)), np.swapaxes(half_axes, 1, 2)], axis=1)
@@ -173,13 +173,13 @@ class Plot:
             self.marks.append(PlotMarks("ellipses", shapes[group], fill, stroke, 0.7, ellipse=True))
 
     def dots_by_time(self, at: np.ndarray, time_s: np.ndarray) -> None:
-        """Points (P, 2) in the order of time, coloured by it: a few groups of equal colour."""
+        """Draw points (P, 2) in the order of time, coloured by it in a few groups."""
         colours = time_colours(time_s)
         for group in _groups(len(at)):
             self.dots(at[group, 0], at[group, 1], colours[group[len(group) // 2]], 3.6)
 
     def legend(self, entries: Sequence[tuple[str, str, str]]) -> None:
-        """Marks and words in one row above the plot, to the right: (colour, words, mark).
+        """Draw a legend in one row above the plot, on the right: (colour, words, mark).
 
         A mark is "dot", "ring", "line", "dashes", "block" or, paler, "band".
         """
@@ -194,7 +194,7 @@ def _entry(entry: tuple[str, str, str]) -> str:
 
 
 def key_rows(entries: Sequence[tuple[str, str, str]], width_px: float) -> list[str]:
-    """Entries as `Plot.legend` takes them, as SVG for as many texts of at most a width as they need."""
+    """A legend's entries (as in `Plot.legend`) as SVG texts, as many rows as a width needs."""
     rows, used = [""], 0.0
     for entry in entries:
         wide = STYLE.letter_px * (len(entry[1]) + 5)
@@ -205,7 +205,7 @@ def key_rows(entries: Sequence[tuple[str, str, str]], width_px: float) -> list[s
 
 
 def _text(x: float, y: float, words: str, anchor: str, kind: str = "", turned: bool = False) -> str:
-    """Words at (x, y) px; `turned` reads upwards."""
+    """SVG text at (x, y) px; `turned` text reads upwards."""
     turn = f' transform="rotate(-90 {x:.1f} {y:.1f})"' if turned else ""
     look = f' class="{kind}"' if kind else ""
     side = f' text-anchor="{anchor}"' if anchor != "start" else ""
@@ -213,7 +213,7 @@ def _text(x: float, y: float, words: str, anchor: str, kind: str = "", turned: b
 
 
 def picture(image: bytes, corners_px: np.ndarray) -> str:
-    """A PNG or JPEG with its upper left, upper right and lower left corners at (3, 2) px, as SVG."""
+    """SVG of a PNG or JPEG with its upper left, upper right and lower left corners at (3, 2) px."""
     kind = "png" if image.startswith(b"\x89PNG") else "jpeg"
     data = base64.b64encode(image).decode()
     start, right, down = corners_px
@@ -223,7 +223,7 @@ def picture(image: bytes, corners_px: np.ndarray) -> str:
 
 
 def ticks_in(low: float, high: float, most: int = 8, least_step: float = 0.0) -> Ticks:
-    """Round places between two ends, at most so many, and their names."""
+    """At most `most` round tick positions between two ends, and their labels."""
     low, high = min(low, high), max(low, high)
     step = max(round_down(2.5 * (high - low) / most), least_step)
     number = np.arange(int(np.ceil(low / step - 1e-6)), int(np.floor(high / step + 1e-6)) + 1)
@@ -235,7 +235,7 @@ def ticks_in(low: float, high: float, most: int = 8, least_step: float = 0.0) ->
 
 
 def _on_axis(axes: Plot, axis: int, places: Sequence[float], names: Sequence[str]) -> tuple[np.ndarray, list[str]]:
-    """Ticks that lie on an axis: pixels along it, and names."""
+    """The ticks on an axis: pixels along it, and labels."""
     points = np.zeros((len(places), 2))
     points[:, axis] = places
     at = axes.pixels(points)[:, axis]
@@ -244,7 +244,7 @@ def _on_axis(axes: Plot, axis: int, places: Sequence[float], names: Sequence[str
 
 
 def _drawn(axes: Plot) -> Iterator[str]:
-    """The marks in SVG; neighbours that look alike are one path."""
+    """SVG of the marks; consecutive marks of the same appearance become one path."""
     described = ((_look(mark), mark.tip, mark) for mark in axes.marks)
     for (look, tip), marks in groupby(described, key=lambda one: one[:2]):
         path = "".join(_mark_path(axes, mark) for _, _, mark in marks)
@@ -258,7 +258,8 @@ def _mark_path(axes: Plot, mark: PlotMarks) -> str:
 
 
 def _path(points_px: np.ndarray, closed: bool = False) -> str:
-    """(N, K, 2) px as N lines, outlines if `closed`, or dots if K = 1, of an SVG path, without those that hold NaN."""
+    """SVG path of (N, K, 2) px as N lines, closed outlines if `closed`, or dots if K = 1, without those that contain
+    NaN."""
     points_px = points_px[np.isfinite(points_px).all(axis=(1, 2))]
     count, corners = points_px.shape[:2]
     one = "M%.1f %.1f" + ("h0" if corners == 1 else "L" + " ".join(["%.1f %.1f"] * (corners - 1))) + "z" * closed
@@ -266,7 +267,7 @@ def _path(points_px: np.ndarray, closed: bool = False) -> str:
 
 
 def _arcs(centre_px: np.ndarray, half_axes_px: np.ndarray) -> str:
-    """Ellipses of centres (N, 2) and two conjugate half axes (N, 2, 2), a row each, px, as an SVG path."""
+    """SVG path of ellipses with centres (N, 2) and two conjugate half axes (N, 2, 2), one a row, px."""
     known = np.isfinite(half_axes_px).all(axis=(1, 2)) & np.isfinite(centre_px).all(axis=1)
     centre, (turned, radii, _) = centre_px[known], np.linalg.svd(np.swapaxes(half_axes_px[known], 1, 2))
     angle = np.degrees(np.arctan2(turned[:, 1, 0], turned[:, 0, 0]))
@@ -277,7 +278,7 @@ def _arcs(centre_px: np.ndarray, half_axes_px: np.ndarray) -> str:
 
 
 def _look(mark: PlotMarks) -> str:
-    """CSS of a mark. Colours that a page in the dark has another for are its variables."""
+    """CSS of a mark's appearance. Colours that differ in a page's dark mode are its variables."""
     parts = [_colour("fill", mark.fill)]
     if mark.stroke:
         parts += [_colour("stroke", mark.stroke), f"stroke-width:{mark.width:.3g}"]
@@ -287,7 +288,7 @@ def _look(mark: PlotMarks) -> str:
 
 
 def _colour(what: str, colour: str) -> str:
-    """A colour "#rrggbb" or "#rrggbbaa" in CSS, as the page's variable where it has one; "" is none."""
+    """CSS of a colour "#rrggbb" or "#rrggbbaa", the page's variable where it has one; "" is none."""
     if not colour:
         return f"{what}:none"
     opacity = f";{what}-opacity:{int(colour[7:], 16) / 255:.2g}" if len(colour) > 7 else ""
@@ -301,12 +302,12 @@ def time_colours(time_s: np.ndarray) -> list[str]:
 
 
 def _groups(count: int) -> list[np.ndarray]:
-    """Neighbours in time that share a colour."""
+    """Indices of consecutive times that share a colour, group by group."""
     return [group for group in np.array_split(np.arange(count), 16) if len(group)]
 
 
 def limits(*values: np.ndarray | Sequence[float]) -> tuple[float, float]:
-    """An axis' limits for all finite values: their range, a little wider to both sides; never empty."""
+    """Limits of an axis for all finite values: their range plus a margin, never empty."""
     joined = np.concatenate([np.ravel(value) for value in values])
     finite = joined[np.isfinite(joined)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
@@ -315,5 +316,5 @@ def limits(*values: np.ndarray | Sequence[float]) -> tuple[float, float]:
 
 
 def pale(colour: str, alpha: float) -> str:
-    """A colour "#rrggbb" of an opacity."""
+    """A colour "#rrggbb" with an opacity."""
     return f"{colour}{round(255 * alpha):02x}"

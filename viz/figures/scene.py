@@ -1,4 +1,4 @@
-"""The scene as pictures of a page: the whole rig, and what was touched close up, seen from where both show best."""
+"""The scene as SVG pictures: the whole rig, and a close-up of the contacts, each from its best side."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Pieces = list[tuple[float, PlotMarks]]
 
 
 def scene_views(scene: Scene) -> tuple[Markup, ...]:
-    """The whole rig, where there is one, and what was touched close up, with its scale."""
+    """Two pictures: the whole rig, if there is one, and a close-up of the contacts with its scale."""
     axes = Plot("", (660.0, 480.0), (0, 0, 0, 0), x=(0, 660), y=(480, 0), x_ticks=((), ()), y_ticks=((), ()))
     centre, radius = scene.bounding_ball_m
     scale, world = 480.0 / (2 * 1.3 * radius), _towards(view_direction(scene, height=0.45, liking=0.35))
@@ -41,7 +41,7 @@ def scene_views(scene: Scene) -> tuple[Markup, ...]:
 
 
 def scene_key(scene: Scene) -> dict[str, list[tuple[str, ...]]]:
-    """`colours` with what they mean, and `ramps`: gradient in CSS, low end, title, high end."""
+    """The pictures' legend: `colours` with their meaning, and `ramps` (gradient in CSS, low end, title, high end)."""
     notes = {"spread": scene.spreads()[2], "cones": scene.cones()[2]}
     names = ["object"] if scene.object is not None and object_scale(scene) is None else []
     names += [name for name, (found, *_) in (("spread", scene.spreads()), ("cones", scene.cones())) if len(found)]
@@ -60,7 +60,7 @@ def scene_key(scene: Scene) -> dict[str, list[tuple[str, ...]]]:
 
 
 def _towards(direction: np.ndarray) -> np.ndarray:
-    """(3, 3) axes of a view: to the right, up and along direction (3,), which is a unit vector and not upright."""
+    """(3, 3) axes of a view: right, up, and along a unit vector (3,) that is not vertical."""
     right = np.cross([0.0, 0.0, 1.0], direction)
     right /= np.linalg.norm(right)
     return np.stack([right, np.cross(direction, right), direction])
@@ -69,13 +69,13 @@ def _towards(direction: np.ndarray) -> np.ndarray:
 def _projected(
     axes: np.ndarray, centre_m: np.ndarray, scale: float, size: tuple[float, float], points_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A parallel projection along the view's axes (3, 3), with `scale` px/m around the middle."""
+    """Parallel projection of points along the view's axes (3, 3), with `scale` px/m around the middle."""
     turned = (points_m - centre_m) @ axes.T * scale
     return turned[..., :2] * [1.0, -1.0] + np.array(size) / 2, turned[..., 2]
 
 
 def _draw(axes: Plot, world: np.ndarray, pieces: Pieces) -> None:
-    """The pieces, the farthest first, and the directions of the world's axes in the lower left corner."""
+    """SVG of the pieces, the farthest first, with the directions of the world's axes in the lower left corner."""
     axes.marks.extend(mark for _, mark in sorted(pieces, key=lambda piece: piece[0]))
     corner = np.array([34.0, axes.size[1] - 34.0])
     ends = corner + 24.0 * world[:2].T * [1.0, -1.0]
@@ -85,7 +85,7 @@ def _draw(axes: Plot, world: np.ndarray, pieces: Pieces) -> None:
 
 
 def _touched(scene: Scene, project: Project, scale: float) -> Pieces:
-    """Contacts, forces and the reconstructed object."""
+    """Pieces of contacts, forces and the reconstructed object."""
     contacts, pieces = scene.contacts, Pieces()
     colours = hexes(contact_scale(scene, "force").rgb)
     chosen = thinned(np.arange(len(contacts.points_m)), STYLE.most_balls)
@@ -106,7 +106,8 @@ def _touched(scene: Scene, project: Project, scale: float) -> Pieces:
 
 
 def _object(scene: Scene, mesh: ObjectMesh, project: Project, scale: float) -> Pieces:
-    """Triangles, shaded; lines; points outside all triangles as discs across their normal, or small without one."""
+    """Pieces of the object: shaded triangles; lines; points outside all triangles as discs across their normal, or
+    small without one."""
     stds, plain = object_scale(scene), LOOK["object"][0]
     rgb = np.array([[int(plain[at : at + 2], 16) for at in (1, 3, 5)]] * len(mesh.points_m))
     rgb = rgb if stds is None else stds.rgb
@@ -134,15 +135,15 @@ def _object(scene: Scene, mesh: ObjectMesh, project: Project, scale: float) -> P
 
 
 def _across(normal: np.ndarray) -> np.ndarray:
-    """(K, 2, 3) two unit vectors across each of K normals."""
+    """(K, 2, 3) two unit vectors orthogonal to each of K normals."""
     first = np.cross(normal, np.eye(3)[np.abs(normal).argmin(axis=1)])
     both = np.stack([first, np.cross(normal, first)], axis=1)
     return both / np.maximum(np.linalg.norm(both, axis=2, keepdims=True), 1e-30)
 
 
 def _wire(project: Project, points_m: np.ndarray, colour: str, width: float) -> Pieces:
-    """A line through points (K, 3), piece by piece, for others to hide parts of it; a translucent one is whole, as both
-    would count where two pieces meet."""
+    """Pieces of a line through points (K, 3), which other pieces may cover; a translucent line is one piece, because
+    overlapping ends would be darker."""
     at, depth = project(points_m)
     if len(colour) > 7:
         return [(float(depth.mean()), PlotMarks("wire", at[None], stroke=colour, width=width))]
@@ -154,7 +155,7 @@ def _wire(project: Project, points_m: np.ndarray, colour: str, width: float) -> 
 
 
 def _translucent(scene: Scene, project: Project) -> Pieces:
-    """Ellipsoids and cones."""
+    """Pieces of ellipsoids and cones."""
     turn, pieces = np.linspace(0, 2 * np.pi, 24, endpoint=False)[:, None], Pieces()
     (chosen, axes_m, _), points_m = scene.spreads(), scene.contacts.points_m
     for centre_m, axes in zip(points_m[chosen], axes_m, strict=True):
@@ -175,7 +176,7 @@ def _translucent(scene: Scene, project: Project) -> Pieces:
 
 
 def _truth(scene: Scene, project: Project) -> Pieces:
-    """The side of the true object that faces the viewer, pale and shaded, behind all others."""
+    """Pieces of the true object's side that faces the viewer, pale and shaded, behind all others."""
     if scene.truth is None:
         return []
     from vbaa_calib.simulate.render.meshes import object_mesh
@@ -197,7 +198,7 @@ def _truth(scene: Scene, project: Project) -> Pieces:
 
 
 def _antennas(scene: Scene, rig: RigItems, project: Project, scale: float) -> Pieces:
-    """The antenna at the greatest force, without the object, and at other times."""
+    """Pieces of the antenna at the greatest force, without the object, and at other times."""
     main, width = scene.instants.main, 2 * rig.drawn_radius_m * scale
     drawn = [(rig.bent_m[index], pale(LOOK["ghosts"][0], 0.35), max(0.6 * width, 0.8)) for index in rig.ghosts]
     if np.isfinite(rig.bent_m[main]).all():
@@ -207,7 +208,7 @@ def _antennas(scene: Scene, rig: RigItems, project: Project, scale: float) -> Pi
 
 
 def _whole_rig(scene: Scene, rig: RigItems) -> Markup:
-    """The rig at the greatest force over a level grid, with plane C, the camera and what it saw."""
+    """The rig at the greatest force over a horizontal grid, with plane C, the camera and its picture."""
     axes = Plot("", (440.0, 480.0), (0, 0, 0, 0), x=(0, 440), y=(480, 0), x_ticks=((), ()), y_ticks=((), ()))
     world, pose = _towards(view_direction(scene, height=0.75, liking=0.8)), rig.poses[scene.instants.main]
     lines, placed = scene.level_grid(rig)[0], np.isfinite(pose).all()
@@ -233,7 +234,7 @@ def _whole_rig(scene: Scene, rig: RigItems) -> Markup:
 
 
 def _camera(axes: Plot, scene: Scene, grid: np.ndarray, centre: np.ndarray) -> Pieces:
-    """The camera, and its picture where it has one; px."""
+    """Pieces of the camera, and its picture where it has one; px."""
     seen = scene.pictures[scene.instants.main] if scene.pictures else None
     colour, corners = LOOK["camera"][0], grid[[0, 0, -1, -1], [0, -1, -1, 0]]
     if seen is not None:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class _FigureSettings:
-    """Colours, sizes and limits of the figures. Colours are a page's in daylight; lengths are px of the drawing."""
+    """Colours, sizes and limits of the figures. Colours are those of a page in light mode; lengths are px of the
+    drawing."""
 
     ink: str = "#1f2937"  # text, means, axes
     soft: str = "#5b6676"  # what accompanies: noise, secondary lines
@@ -57,7 +58,7 @@ class _FigureSettings:
 
     @property
     def plot_px(self) -> float:
-        """Width of what is drawn between the margins of a curve over time."""
+        """Width of the plotting area of a curve over time, px."""
         return self.width_px - self.left_px - self.right_px
 
 

@@ -1,4 +1,4 @@
-"""Figures over time: a quantity with its band, and the state of each frame as lanes. Any number of frames fits."""
+"""Figures over time: a quantity with its band, and the states of frames as lanes, for any number of frames."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .settings import STYLE
 
 
 class TimeAxis:
-    """The time axis that all figures over time share. Times (B,), B ≥ 1, that begin far from 0 count from the first.
+    """The time axis of all figures over time. Times (B,), B ≥ 1, that begin far from 0 are relative to the first.
 
     time_s : (B,) since `start_s`, rising. step_s : the usual time between frames; 1 for a single frame.
     ends_s : half a step before the first frame and after the last. pixel_s : what a pixel's width is.
@@ -38,12 +38,12 @@ class TimeAxis:
         )
 
     def columns(self, time_s: np.ndarray) -> np.ndarray:
-        """The column of pixels, from 0, of each time."""
+        """The pixel column, from 0, of each time."""
         first, last = self.ends_s
         return np.floor((time_s - first) / (last - first) * STYLE.plot_px).astype(int)
 
     def gathered(self, time_s: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Values from low to high (N,) by columns of pixels: time, least, middle and largest of each, (C,)."""
+        """Values from low to high (N,) grouped by pixel column: time, least, middle and largest of each, (C,)."""
         column = self.columns(time_s)
         order = np.lexsort((low + high, column))
         found, first, count = np.unique(column[order], return_index=True, return_counts=True)
@@ -55,7 +55,7 @@ class TimeAxis:
         return centre, np.minimum.reduceat(low[order], first), middle, np.maximum.reduceat(high[order], first)
 
     def svg(self, axes: Plot) -> Markup:
-        """The figure with its events, and with the scale that the page's time cursor needs."""
+        """The figure with its events, and with the scale for the page's time cursor."""
         for at, words in self.events_s:
             axes.upright(at, dashes=(3, 3), tip=words)
         first, last = (end + self.start_s for end in self.ends_s)
@@ -116,7 +116,7 @@ def with_framewise(axes: Plot, clock: TimeAxis, value: np.ndarray) -> Plot:
 def signals(
     clock: TimeAxis, title: str, values: Sequence[tuple[str, str, np.ndarray]], noise_std: np.ndarray, noise: str
 ) -> Plot:
-    """Quantities that are 0 unless there is something to see, with the band of ± 2 std that noise alone would fill.
+    """Quantities that are 0 unless something is wrong, with the ± 2 std band of their noise.
 
     values : name, colour and (B,) of each in one unit. noise_std : (B,) of any of them.
     noise : its source, for the legend.
@@ -134,7 +134,7 @@ def signals(
 
 
 def lanes(clock: TimeAxis, title: str, label: Sequence[str], colour: Mapping[str, str], last: bool = False) -> Plot:
-    """The state of every frame: a lane for each label that occurs, in the order of `colour`, with its count.
+    """The states of the frames: a lane for each label that occurs, in the order of `colour`, with its count.
 
     label : (B,) of each frame, one of `colour`'s keys, or "" for none. Where there are more frames than pixels, a lane
         is as high as its share of them.
@@ -160,7 +160,7 @@ def lanes(clock: TimeAxis, title: str, label: Sequence[str], colour: Mapping[str
 
 
 def _stretches(clock: TimeAxis, here: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Start, end and share (0 to 1) of each stretch of a lane; no share is too small to be seen."""
+    """Start, end and share (0 to 1) of each stretch of a lane; the share is never too small to be visible."""
     first, pixel = clock.ends_s[0], clock.pixel_s
     if len(here) > STYLE.most_dots:
         column = clock.columns(clock.time_s)
@@ -179,7 +179,8 @@ def _stretches(clock: TimeAxis, here: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _bands(axes: Plot, clock: TimeAxis, low: np.ndarray, high: np.ndarray, colour: str) -> None:
-    """Between low and high (B,), unbroken stretches, each a little wider than its frames: a lone one is seen, too."""
+    """Draw the band between low and high (B,) by unbroken stretches, each a little wider than its frames so that a
+    single one is visible."""
     known = np.isfinite(low) & np.isfinite(high)
     x, low, high, step = clock.time_s[known], low[known], high[known], clock.step_s
     if len(x) > STYLE.most_dots:
@@ -193,7 +194,8 @@ def _bands(axes: Plot, clock: TimeAxis, low: np.ndarray, high: np.ndarray, colou
 
 
 def _points(axes: Plot, clock: TimeAxis, value: np.ndarray, colour: str, size: float = 5.0) -> None:
-    """Each frame; where they are more than pixels, pale the range of each column, dark its middle."""
+    """Draw a point for each frame; where there are more frames than pixels, the range of each column pale and its
+    middle dark."""
     known = np.isfinite(value)
     x, value = clock.time_s[known], value[known]
     if len(x) > STYLE.most_dots:
@@ -204,7 +206,7 @@ def _points(axes: Plot, clock: TimeAxis, value: np.ndarray, colour: str, size: f
 
 
 def _lines(axes: Plot, clock: TimeAxis, value: np.ndarray, colour: str, width: float) -> None:
-    """Joins known neighbours (B,) that no gap parts, unless there are too many."""
+    """Draw lines between known neighbours (B,) without a gap between them, unless there are too many."""
     index = np.flatnonzero(np.isfinite(value))
     if len(index) > STYLE.most_dots:
         return

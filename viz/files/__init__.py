@@ -1,1 +1,1 @@
-"""The object as .vtp, .ply, .glb."""
+"""Files of the reconstructed object: .vtp, .ply, .glb."""

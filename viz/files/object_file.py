@@ -1,9 +1,9 @@
-"""The reconstructed object as a file: .vtp with everything that is known of it; .ply and .glb with its shape, coloured
-by its uncertainty. No screen and no OpenGL are needed.
+"""The reconstructed object as a file: .vtp with everything known about it; .ply and .glb with its shape, coloured by
+its uncertainty. Neither screen nor OpenGL is needed.
 
-.ply is ours to write and read: VTK's writer knows neither normals with colours nor lines, and its reader runs past the
-end of a file that is cut short, and dies. In .glb, glTF 2.0 in one binary file, vertices also carry their deviation as
-the number `_STD_M`, and a node turns the world's z up into glTF's y up.
+.ply is read and written by our own code: VTK's writer has neither normals with colours nor lines, and its reader
+crashes on a truncated file. In .glb, glTF 2.0 in one binary file, vertices also have their standard deviation as the
+attribute `_STD_M`, and a node rotates the world's z up into glTF's y up.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ SUFFIXES = (".vtp", ".ply", ".glb")
 
 
 def write_object(surface: Surface, path: Path, *, force: bool = False) -> None:
-    """Write the surface, whole or not at all, in the format of the suffix; all in metres, world frame.
+    """Write the surface, completely or not at all, in the format of the suffix; all in metres, world frame.
 
     Raises InputError for another suffix, or when the file exists and `force` is off.
     """
@@ -93,7 +93,7 @@ def write_object(surface: Surface, path: Path, *, force: bool = False) -> None:
 
 
 def read_object(path: Path) -> ObjectMesh:
-    """Read back what is drawn of a .vtp or .ply, ours or another's, or of a .glb of ours.
+    """Read the drawn parts of a .vtp or .ply, ours or another's, or of a .glb of ours.
 
     Raises InputError when there is nothing in it.
     """
@@ -124,7 +124,7 @@ def read_object(path: Path) -> ObjectMesh:
 
 
 def _vertex_normals(points_m: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """(N, 3) unit normals: means over each point's triangles, weighted by area; zero without any."""
+    """(N, 3) unit normals: area-weighted means over each point's triangles; zero without any."""
     first, second, third = points_m[triangles].transpose(1, 0, 2)
     across, total = np.cross(second - first, third - first), np.zeros_like(points_m)
     for corner in triangles.T:
@@ -161,7 +161,8 @@ def _checked(
 
 
 def _to_mesh(surface: Surface) -> pv.PolyData:
-    """Triangles, lines, and loose points as vertices, with the point arrays Normals, std_m, std_across_m and patch.
+    """Triangles, lines, and isolated points as vertices, with the point arrays Normals, std_m, std_across_m and
+    patch.
 
     What is known of each contact, of the stiffness, and the notes, are field arrays: contact_*, compliance_*, notes.
     """
@@ -282,7 +283,8 @@ def _stacked(columns: Mapping[str, Any], *names: str) -> np.ndarray:
 
 
 def _rows(body: bytes, position: int, rows: int, properties: list[_Property]) -> tuple[dict[str, Any], int]:
-    """Each property's values, (rows,), (rows, K) or a list of lists, and where they end. Raises ValueError."""
+    """The values of each property, (rows,), (rows, K) or a list of lists, and the position after them. Raises
+    ValueError."""
     if rows <= 0:
         if rows < 0:
             raise ValueError
@@ -303,7 +305,7 @@ def _rows(body: bytes, position: int, rows: int, properties: list[_Property]) ->
 
 
 def _row_kind(body: bytes, position: int, properties: list[_Property]) -> np.dtype:
-    """One row, its lists as long as they are at this position."""
+    """The type of one row, with lists as long as at this position."""
     fields: list[Any] = []
     for name, count, kind in properties:
         if count is not None:
@@ -321,7 +323,7 @@ _NAME = "reconstructed object"
 
 
 def _glb_bytes(mesh: ObjectMesh) -> bytes:
-    """The file's contents; lengths in metres."""
+    """The content of a .glb; lengths in metres."""
     made: dict[str, Any] = {
         "asset": {"version": "2.0", "generator": "vbaa reconstruct"},
         "scene": 0,
@@ -355,7 +357,7 @@ def _glb_bytes(mesh: ObjectMesh) -> bytes:
 
 
 def _add(made: dict[str, Any], blob: bytearray, data: np.ndarray, kind: int) -> int:
-    """Numbers (N,) or (N, 3) into the buffer; the number of their accessor."""
+    """Append numbers (N,) or (N, 3) to the buffer; returns the index of their accessor."""
     rows = data.reshape(len(data), -1)
     about = {"componentType": kind, "type": "SCALAR" if data.ndim == 1 else "VEC3", "count": len(data)}
     ends = {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}

@@ -1,4 +1,4 @@
-"""Which names the outputs may have. Light: the verbs ask before any work."""
+"""Checks of the outputs' names, without heavy imports: the verbs call them before any work."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ PAGES = (".html", ".htm")
 
 
 def refuse_output(path: Path, suffixes: tuple[str, ...], force: bool, inputs: Iterable[Path | None] = ()) -> None:
-    """Raises InputError for another suffix, a file in the way without `force`, or one of the command's own inputs."""
+    """Raises InputError for another suffix, an existing file without `force`, or one of the command's own inputs."""
     if path.suffix.lower() not in suffixes:
         names = " or ".join(filter(None, (", ".join(suffixes[:-1]), suffixes[-1])))
         raise InputError(f"is not a {names}", where=path, remedy=f"name it something{suffixes[0]}")
@@ -20,5 +20,5 @@ def refuse_output(path: Path, suffixes: tuple[str, ...], force: bool, inputs: It
 
 
 def report_path(contacts: Path) -> Path:
-    """Where the report of contacts goes: report.html, or NAME_report.html for a NAME that is not contacts."""
+    """Path of the report on contacts: report.html, or NAME_report.html where NAME is not contacts."""
     return contacts.with_name("report.html" if contacts.stem == "contacts" else f"{contacts.stem}_report.html")

@@ -33,7 +33,7 @@ def refuse_log(target: str, force: bool) -> None:
 
 
 def _open_viewer(port: int = 9876) -> str:
-    """The URL of a viewer on this machine: of one that listens at the port, else of one that is opened.
+    """The URL of a viewer on this machine: one that listens at the port, else a new one.
 
     Raises OSError if none can be opened.
     """
@@ -52,7 +52,7 @@ def _open_viewer(port: int = 9876) -> str:
 
 
 class RerunLog:
-    """A log of contacts.
+    """A log of contacts in Rerun.
 
     target : "spawn" opens a viewer; a URL is that of one that runs; else an .rrd file to write.
     """
@@ -75,7 +75,7 @@ class RerunLog:
         self._start_s = np.nan
 
     def write(self, contact: LiveContact) -> None:
-        """A contact as it comes, with its picture and what was seen in it; a final one's numbers next to them."""
+        """Log a contact as it comes, with its picture and the detected line; a final one with its numbers."""
         self.row(contact.row, "final" if contact.final else "contact")
         if contact.final or contact.image is None:
             return
@@ -88,7 +88,7 @@ class RerunLog:
             self._log(f"{path}/antenna", self._rerun.Points2D(points, radii=1.0, colors=(0, 220, 120)))
 
     def row(self, row: ContactRow, name: str = "contact") -> None:
-        """A row's point, force and numbers, at its time since the first one."""
+        """Log a row's point, force and numbers, at its time since the first one."""
         if np.isnan(self._start_s):
             self._start_s = row.time_s
         self._stream.set_time("stream", duration=row.time_s - self._start_s)

@@ -1,1 +1,1 @@
-"""Pages from templates: style and script inside, every value escaped."""
+"""Pages from templates, with style and script inside and every value escaped."""

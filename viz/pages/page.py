@@ -57,7 +57,7 @@ class Table:
 
 
 def number(value: Any, digits: int = 4) -> str:
-    """A number with so many digits; a dash for none."""
+    """A number with `digits` significant digits; a dash for none."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if not isinstance(value, int | float) or not np.isfinite(value):
@@ -66,13 +66,13 @@ def number(value: Any, digits: int = 4) -> str:
 
 
 def fixed(value: float, decimals: int) -> str:
-    """A number with so many decimals, without a minus before zero."""
+    """A number with `decimals` decimals, without a minus before zero."""
     text = f"{value:.{decimals}f}"
     return text.removeprefix("-") if float(text) == 0 else text.replace("-", "−")
 
 
 def decimals_of(std: float) -> int:
-    """Decimals that show two digits of a standard deviation."""
+    """Number of decimals that gives two digits of a standard deviation."""
     return int(np.clip(1 - np.floor(np.log10(std)), 0, 12))
 
 
@@ -86,7 +86,7 @@ def with_std(value: float, std: float | None, scale: float = 1.0) -> str:
 
 
 def records(rows: Any, columns: Sequence[tuple[str, str, int | None]], text_columns: int = 1) -> Table:
-    """A table of mappings by (key, heading, decimals); missing keys are dashes."""
+    """A table of mappings by columns (key, heading, decimals); missing keys are dashes."""
     found = [row for row in rows if isinstance(row, Mapping)] if isinstance(rows, list) else []
     cells = [[_cell(row.get(key), decimals) for key, _, decimals in columns] for row in found[:_MOST_ROWS]]
     head = [heading for _, heading, _ in columns]
@@ -94,7 +94,7 @@ def records(rows: Any, columns: Sequence[tuple[str, str, int | None]], text_colu
 
 
 def listing(data: Any) -> Table:
-    """Any section of rig.json: names, values, units."""
+    """A table of any section of rig.json: names, values, units."""
     rows = list(_flat(data)) if isinstance(data, Mapping) else []
     return Table(("what", "value", "unit"), rows[:_MOST_ROWS], ("what",))
 
@@ -135,7 +135,7 @@ def _row(name: str, values: Sequence[Any]) -> list[str]:
 
 
 def labelled(name: str) -> tuple[str, str, float]:
-    """A name of rig.json in words, the unit on the page, and the factor to it; of a logarithm, percent."""
+    """A name of rig.json in words, the unit used on the page, and the factor to it; percent for a logarithm."""
     if name.startswith("log_"):
         return labelled(name.removeprefix("log_"))[0], "%", 100.0
     units = (

@@ -1,1 +1,1 @@
-"""A scene's arrays as triangles: what each part of the picture is made of, and what of it each instant shows."""
+"""A scene's arrays as triangle meshes, and the part of them visible at each instant."""

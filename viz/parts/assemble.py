@@ -17,7 +17,7 @@ from viz.scene.scene import ObjectMesh, Scene
 
 @dataclass(frozen=True, eq=False)
 class ScenePart:
-    """A mesh of one colour, of a colour per contact, with vertex colours, or with a picture as texture.
+    """A mesh with one colour, a colour per contact, vertex colours, or a picture as texture.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class ScenePart:
 
 
 def layers_of(parts: list[ScenePart]) -> list[ScenePart]:
-    """One part of each name, that with the longest label, for legends."""
+    """One part of each name, the one with the longest label, for legends."""
     longest = {part.name: part for part in sorted(parts, key=lambda part: len(part.label))}
     return [longest[name] for name in dict.fromkeys(part.name for part in parts)]
 
@@ -73,7 +73,7 @@ def _triangles(points: np.ndarray, faces: np.ndarray, normals: np.ndarray | None
 
 
 def _joined(meshes: list[pv.PolyData]) -> tuple[pv.PolyData, np.ndarray]:
-    """Several meshes of triangles with normals as one, and (len + 1,) where in it the triangles of each begin."""
+    """Several triangle meshes with normals as one, and the bounds (len + 1,) of each one's triangles in it."""
     shift = np.cumsum([0, *(mesh.n_points for mesh in meshes)])
     faces = [mesh.regular_faces + start for mesh, start in zip(meshes, shift, strict=False)]
     mesh = _triangles(
@@ -97,7 +97,7 @@ def _wires(paths: list[np.ndarray], radius_m: float, sides: int = 10) -> pv.Poly
 
 
 def _stamp(mesh: pv.PolyData, linear: np.ndarray, places: np.ndarray) -> pv.PolyData:
-    """The mesh at K places, in their order.
+    """Copies of the mesh at K places, in their order.
 
     mesh : triangles with normals.
     linear : (K, 3, 3) invertible: what is done to the mesh before it is moved to places (K, 3).
@@ -112,20 +112,20 @@ def _stamp(mesh: pv.PolyData, linear: np.ndarray, places: np.ndarray) -> pv.Poly
 
 
 def _ball(fine: int) -> pv.PolyData:
-    """A ball of radius 1; every step of `fine` has four times the triangles."""
+    """A sphere of radius 1; each step of `fine` quadruples the triangles."""
     mesh = pv.Icosphere(radius=1.0, nsub=fine)
     return _triangles(mesh.points, mesh.regular_faces, mesh.points)
 
 
 def _arrow() -> pv.PolyData:
-    """From the origin to (1, 0, 0)."""
+    """An arrow from the origin to (1, 0, 0)."""
     mesh = pv.Arrow(tip_length=0.24, tip_radius=0.06, shaft_radius=0.022, tip_resolution=16, shaft_resolution=10)
     mesh = mesh.triangulate().compute_normals(cell_normals=False, split_vertices=True, feature_angle=40)
     return _triangles(mesh.points, mesh.regular_faces, mesh.point_data["Normals"])
 
 
 def _cone(sides: int = 28) -> pv.PolyData:
-    """An open cone with a hem: the tip at the origin, the rim of radius 1 around (1, 0, 0)."""
+    """An open cone with a hem: its apex at the origin, its rim of radius 1 around (1, 0, 0)."""
     turn = np.linspace(0, 2 * np.pi, sides, endpoint=False)
     rim = np.column_stack([np.ones(sides), np.cos(turn), np.sin(turn)])
     normals = np.column_stack([-np.ones(sides), np.cos(turn), np.sin(turn)]) / np.sqrt(2)
@@ -142,7 +142,7 @@ def _cone(sides: int = 28) -> pv.PolyData:
 
 
 def all_parts(scene: Scene) -> list[ScenePart]:
-    """Every part of the scene; their number does not grow with the recording."""
+    """Every part of the scene; their number does not depend on the recording's length."""
     parts = _contact_parts(scene)
     if scene.object is not None:
         parts += _object_parts(scene.object, scene.bounding_ball_m[1])
@@ -157,7 +157,7 @@ def all_parts(scene: Scene) -> list[ScenePart]:
 
 
 def _contact_parts(scene: Scene) -> list[ScenePart]:
-    """Balls, force arrows, ellipsoids and friction cones in order of time: an instant shows those up to then."""
+    """Spheres, force arrows, ellipsoids and friction cones in order of time: at an instant those so far are visible."""
     contacts = scene.contacts
     count = len(contacts.points_m)
     chosen = thinned(np.arange(count), 2500)
@@ -183,7 +183,7 @@ def _contact_parts(scene: Scene) -> list[ScenePart]:
 def _stamped(
     scene: Scene, name: str, chosen: np.ndarray, mesh: pv.PolyData, linear: np.ndarray, **look: Any
 ) -> ScenePart:
-    """`mesh` at the chosen contacts; an instant shows those up to then, or of "now" only its own frame's."""
+    """Copies of `mesh` at the chosen contacts; at an instant those so far are visible, of "now" only that frame's."""
     rows, instants = scene.contacts.row[chosen], scene.instants.row
     last = np.searchsorted(rows, instants, side="right")
     first = np.searchsorted(rows, instants, side="left") if name == "now" else np.zeros_like(last)
@@ -201,7 +201,7 @@ def _stamped(
 
 
 def _object_parts(mesh: ObjectMesh, reach_m: float, name: str = "object") -> list[ScenePart]:
-    """The reconstructed object, coloured by how well it is known where that is known; the "other" one in one colour.
+    """The reconstructed object, coloured by its uncertainty where known; the "other" one in one colour.
 
     Points outside all triangles are drawn as discs across their normal, or as balls without one.
     """
@@ -232,7 +232,7 @@ def _object_parts(mesh: ObjectMesh, reach_m: float, name: str = "object") -> lis
 
 
 def _rig_parts(scene: Scene, rig: RigItems) -> list[ScenePart]:
-    """At each instant: antenna, free antenna, ghosts, plane C, camera and its picture."""
+    """The rig at each instant: antenna, free antenna, ghosts, plane C, camera and its picture."""
     width = rig.drawn_radius_m
     edge = float(np.linalg.norm(rig.plane_m[1] - rig.plane_m[0]))
     known = np.isfinite(rig.poses[:, 0, 0])
@@ -262,7 +262,7 @@ def _rig_parts(scene: Scene, rig: RigItems) -> list[ScenePart]:
 def _over_time(
     paths_m: np.ndarray, known: np.ndarray, radius_m: float, sides: int = 8
 ) -> tuple[pv.PolyData, np.ndarray]:
-    """The wires of all known instants in one mesh, and the triangles of each."""
+    """The wires of all known instants in one mesh, and the range of triangles of each."""
     mesh, starts = _joined([_wire(path, radius_m, sides) for path in paths_m[known]])
     span = np.zeros((len(known), 2), int)
     span[known] = np.column_stack([starts[:-1], starts[1:]])
@@ -281,7 +281,7 @@ def _sheet(grid: np.ndarray) -> pv.PolyData:
 
 
 def _grid(scene: Scene, rig: RigItems) -> list[ScenePart]:
-    """A level grid under everything."""
+    """A horizontal grid under everything."""
     lines, step = scene.level_grid(rig)
     if not len(lines):
         return []

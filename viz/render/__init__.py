@@ -1,1 +1,1 @@
-"""Pictures of a scene: PNG, HTML page, glTF, window."""
+"""Rendering of a scene: PNG, HTML page, glTF, window."""

@@ -1,4 +1,4 @@
-"""glTF 2.0: a scene as VTK writes it, with our names and frame; .gltf is one text file, .glb one binary file."""
+"""glTF 2.0 of a scene: as VTK writes it, with our names and frame; .gltf is one text file, .glb one binary file."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def write_gltf(scene: Scene, path: Path, *, mode: str = "force", force: bool = F
 
 
 def _document(plotter: pv.Plotter, names: list[str]) -> tuple[dict[str, Any], bytes]:
-    """The active view as a glTF document and the one buffer that it refers to; `names` are the actors', in order."""
+    """The active view as a glTF document and its one buffer; `names` are those of the actors, in order."""
     for actor in plotter.actors.values():
         mesh = actor.mapper.dataset
         # by this name the exporter looks for them
@@ -87,7 +87,7 @@ def _document(plotter: pv.Plotter, names: list[str]) -> tuple[dict[str, Any], by
 
 
 def packed(made: dict[str, Any], blob: bytes, suffix: str) -> bytes:
-    """The file's contents, by its suffix."""
+    """The file's content, by its suffix."""
     if suffix == ".gltf":
         uri = "data:application/octet-stream;base64," + base64.b64encode(blob).decode()
         return json.dumps(made | {"buffers": [{"byteLength": len(blob), "uri": uri}]}).encode()
@@ -99,5 +99,5 @@ def packed(made: dict[str, Any], blob: bytes, suffix: str) -> bytes:
 
 
 def linear(rgb: np.ndarray) -> np.ndarray:
-    """sRGB (..., 3) from 0 to 1 as the linear light that glTF's factors and vertex colours are in."""
+    """sRGB (..., 3) from 0 to 1 converted to linear light, as in glTF's factors and vertex colours."""
     return np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)

@@ -1,4 +1,4 @@
-"""The page of a scene: VTK's offline viewer draws it; legend, time and colours around it are ours."""
+"""The page of a scene: VTK's offline viewer draws it; legend, time slider and colours are ours."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _ICON = "https://kitware.github.io/vtk-js/icon/favicon-${t}x${t}.png"
 
 @quiet()
 def write_page(scene: Scene, path: Path, *, title: str, mode: str = "force", force: bool = False) -> None:
-    """Write an HTML page with the scene to turn, its times to go through, and its legend.
+    """Write an HTML page with the interactive scene, a time slider and a legend.
 
     It opens offline, in any browser with WebGL; OpenGL is not needed to write it. Raises InputError when the file
     exists and `force` is off.
@@ -105,7 +105,8 @@ def _base64(data: bytes) -> str:
 
 
 def _contacts(scene: Scene) -> dict[str, Any]:
-    """Where each contact is and how large its ball, the instant nearest to its frame, covariance, numbers in words."""
+    """Positions of the contacts, radii of their spheres, the instants nearest to their frames, covariances, and
+    numbers in words."""
     contacts = scene.contacts
     nearest = np.abs(scene.instants.row[:, None] - contacts.row).argmin(axis=0)
     return {
@@ -132,7 +133,7 @@ def _part(part: ScenePart, identity: str) -> dict[str, Any]:
 
 
 def _pictures(scene: Scene) -> tuple[list[str], list[int | None]]:
-    """The different pictures as data URIs, and which of them each instant has."""
+    """The distinct pictures as data URIs, and the index of each instant's."""
     different = {id(picture): picture for picture in scene.pictures if picture is not None}
     order = {identity: index for index, identity in enumerate(different)}
     seen = []
@@ -143,7 +144,8 @@ def _pictures(scene: Scene) -> tuple[list[str], list[int | None]]:
 
 
 def _lines(scene: Scene) -> list[list[list[float]]]:
-    """At each instant where its picture shows the antenna as it was fitted, and last the contact, if it does."""
+    """At each instant the image coordinates of the fitted antenna and, as the last point, of the contact if there is
+    one."""
     if scene.rig is None:
         return []
     known = np.isfinite(scene.rig.seen).all(axis=-1)
@@ -154,7 +156,7 @@ def _lines(scene: Scene) -> list[list[list[float]]]:
 
 
 def _packed(plotter: pv.Plotter) -> bytes:
-    """The render window as the archive that the offline viewer of trame-vtk opens."""
+    """The render window as the archive for trame-vtk's offline viewer."""
     initialize_serializers()
     context, window = SynchronizationContext(), plotter.render_window
     state = serialize(None, window, reference_id(window), context, 0)
@@ -172,7 +174,7 @@ def _packed(plotter: pv.Plotter) -> bytes:
 
 
 def _let_textures_change(state: dict[str, Any]) -> None:
-    """Let the viewer's textures be written again, for the camera's picture to change with time."""
+    """Make the viewer's textures writable again, so that the camera's picture can change with time."""
     if state.get("type") == "vtkTexture":
         state["properties"]["resizable"] = True
     for child in state.get("dependencies", []):

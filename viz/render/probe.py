@@ -1,4 +1,4 @@
-"""Whether 3-D pictures can be drawn here; OpenGL is tried before it can kill the process.
+"""Whether 3-D pictures can be drawn here: OpenGL is tried in a process of its own, which it may crash.
 
 `python -m viz.render.probe`: exit code 0 where it works, 1 where not.
 """
@@ -34,7 +34,7 @@ window.Render()
 
 @functools.cache
 def can_render() -> bool:
-    """Whether OpenGL works here. Tried in a process of its own: without a driver VTK ends the one that asks."""
+    """Whether OpenGL works here, tried in a process of its own: without a driver VTK ends the process."""
     try:
         tried = subprocess.run(PROBE, capture_output=True, timeout=60, check=False)
     except (OSError, subprocess.TimeoutExpired):
@@ -43,7 +43,7 @@ def can_render() -> bool:
 
 
 def require_opengl() -> None:
-    """Raises VbaaError, with what to install, where pictures cannot be drawn."""
+    """Raises VbaaError, with what to install, where OpenGL does not work."""
     if not can_render():
         raise VbaaError(
             "3-D pictures need OpenGL, which does not work here; install libegl1 and libgl1-mesa-dri "

@@ -1,4 +1,4 @@
-"""The picture of a scene: the whole rig, the contacts close up, and what the colours mean, on one sheet."""
+"""The picture of a scene: the whole rig, a close-up of the contacts, and a legend, on one sheet."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ SHEET = _ScreenshotSettings()
 
 @quiet()
 def screenshot(scene: Scene, path: Path, *, mode: str = "force", force: bool = False) -> None:
-    """Write a PNG: the whole rig on the left, what was touched on the right, and what the colours mean.
+    """Write a PNG: the whole rig on the left, a close-up of the contacts on the right, and a legend.
 
     `mode` is what contacts are coloured by, one of `colours.MODES`. Raises InputError when the file exists and `force`
     is off, VbaaError where pictures cannot be drawn.
@@ -87,7 +87,7 @@ def _without(parts: list[ScenePart], *names: str) -> list[ScenePart]:
 
 
 def _drawn(stage: Stage) -> np.ndarray:
-    """(H, W, 3) of what the stage shows; its plotter is then closed."""
+    """(H, W, 3) picture of the stage; its plotter is then closed."""
     plotter = stage.plotter
     plotter.enable_anti_aliasing("ssaa")
     plotter.enable_depth_peeling(8)

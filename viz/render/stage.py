@@ -1,4 +1,4 @@
-"""A scene's parts in a pyvista plotter: instant, colour scale and camera."""
+"""A scene's parts in a pyvista plotter, with instant, colour scale and camera."""
 
 from __future__ import annotations
 
@@ -79,13 +79,13 @@ class Stage:
                     actor.texture = _texture(picture)
 
     def unfold(self) -> None:
-        """Put all instants' triangles into every mesh, for a viewer that chooses among them itself."""
+        """Put all instants' triangles into every mesh, for a viewer that selects among them itself."""
         for actor, mesh, faces in zip(self.actors, self._meshes, self._faces, strict=True):
             mesh.regular_faces = faces
             actor.visibility = True
 
     def look_at_all(self) -> None:
-        """Show the whole rig from the touched side, from above."""
+        """Show the whole rig from the touched side and from above."""
         self.plotter.view_vector(view_direction(self.scene, height=0.75, liking=0.8), viewup=(0, 0, 1))
         camera = self.plotter.camera
         focus = np.array(camera.focal_point)
@@ -117,7 +117,7 @@ def _texture(picture: np.ndarray) -> pv.Texture:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Without VTK's warnings on stderr about a missing display."""
+    """Context without VTK's warnings on stderr about a missing display."""
     before = vtkLogger.GetCurrentVerbosityCutoff()
     vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_ERROR)
     try:

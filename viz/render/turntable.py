@@ -1,4 +1,4 @@
-"""What was touched, turned once around: an animated .gif, or an .mp4."""
+"""An animation of the contacts, turned once around: .gif or .mp4."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _FILM = _TurntableSettings()
 
 @quiet()
 def turntable(scene: Scene, path: Path, *, mode: str = "force", force: bool = False) -> None:
-    """Write the contacts close up, from all sides at one height, as a .gif that repeats or an .mp4.
+    """Write a close-up of the contacts from all sides at one height, as a repeating .gif or an .mp4.
 
     Raises InputError when the file exists and `force` is off, or this OpenCV writes no .mp4; VbaaError where pictures
     cannot be drawn.
@@ -55,7 +55,7 @@ def turntable(scene: Scene, path: Path, *, mode: str = "force", force: bool = Fa
 
 
 def _turned(stage: Stage) -> Iterator[np.ndarray]:
-    """(H, W, 3) uint8 of each angle."""
+    """Yields (H, W, 3) uint8 pictures, one for each angle."""
     stage.plotter.enable_anti_aliasing("ssaa")
     stage.plotter.enable_depth_peeling(8)
     for _ in range(_FILM.frames):

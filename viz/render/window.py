@@ -1,4 +1,4 @@
-"""A window with the scene: a slider for time, keys for colours and contacts."""
+"""An interactive window with the scene: a slider for time, keys for colours and contacts."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def show(scene: Scene, *, mode: str = "force") -> bool:
 
 
 def _fitting(screen: tuple[int, int]) -> tuple[int, int]:
-    """The window's width and height on a screen of (width, height); as usual where that is unknown."""
+    """The window's width and height on a screen of (width, height); the default where that is unknown."""
     most = [
         int(_WINDOW.share * size) if size > 0 else wanted for size, wanted in zip(screen, _WINDOW.size, strict=True)
     ]
@@ -72,14 +72,14 @@ class _Controls:
         self.measured_from: int | None = None
 
     def pick(self, contact: int) -> None:
-        """Show a contact: its numbers, its instant, a mark on it, and how far it is from the one measured from."""
+        """Show a contact: its numbers, its instant, a mark on it, and its distance from the reference contact."""
         scene = self.stage.scene
         self.contact = contact % len(scene.contacts.points_m)
         self.instant = int(np.abs(scene.instants.row - scene.contacts.row[self.contact]).argmin())
         self.refresh()
 
     def contact_at(self, x: float, y: float) -> int | None:
-        """The contact with its ball at a pixel, from the lower left; where none is, the nearest one."""
+        """The contact with its sphere at a pixel, counted from the lower left; else the nearest one."""
         scene, camera, size = self.stage.scene, self.plotter.camera, np.array(self.plotter.render_window.GetSize())
         view = pv.array_from_vtkmatrix(camera.GetModelViewTransformMatrix())
         projection = pv.array_from_vtkmatrix(camera.GetProjectionTransformMatrix(size[0] / size[1], -1, 1))
@@ -100,7 +100,7 @@ class _Controls:
         return int(away.argmin()) if away.min() < _WINDOW.near_px else None
 
     def _click(self, _: object, event: str) -> None:
-        """Pick what was clicked, unless the mouse turned the scene between press and release."""
+        """Pick the contact at the click, unless the mouse turned the scene between press and release."""
         place = self.plotter.iren.get_event_position()
         if event == "LeftButtonPressEvent":
             self._pressed = place
@@ -108,16 +108,16 @@ class _Controls:
             self.pick(contact)
 
     def step(self, by: int) -> None:
-        """The next contact, or the one before."""
+        """Go to the next contact, or to the previous one."""
         self.pick(by + (-by if self.contact is None else self.contact))
 
     def measure(self) -> None:
-        """Measure from the contact that is picked, or end that."""
+        """Measure distances from the picked contact, or end that."""
         self.measured_from = self.contact if self.measured_from is None else None
         self.refresh()
 
     def save(self) -> None:
-        """Write the picture into the folder from which the window was opened, under a name that is free."""
+        """Save the picture into the current folder, under a new name."""
         names = (Path(f"scene{number:02d}.png") for number in count(1))
         self.plotter.screenshot(str(next(name for name in names if not name.exists())))
 
@@ -149,7 +149,7 @@ class _Controls:
             self.plotter.add_mesh(pv.MultipleLines(points), name="measured", line_width=3, **look)
 
     def look_closer(self) -> None:
-        """The contacts close up; if they are, all."""
+        """Switch between a close-up of the contacts and the whole rig."""
         self.close = not self.close
         if self.close:
             self.stage.look_at_contacts(parallel=False)
@@ -158,7 +158,7 @@ class _Controls:
         self.plotter.render()
 
     def seen(self) -> np.ndarray | None:
-        """(H, W, 3) uint8: what the camera saw at this instant, the fitted antenna and the contact drawn over it."""
+        """(H, W, 3) uint8 camera picture of this instant, with the fitted antenna and the contact drawn over it."""
         scene = self.stage.scene
         picture = scene.pictures[self.instant] if scene.pictures else None
         if picture is None or scene.rig is None:
@@ -179,18 +179,18 @@ class _Controls:
         self.refresh()
 
     def next_mode(self) -> None:
-        """Colour by the next of `MODES`."""
+        """Colour by the next one of `MODES`."""
         self.mode = MODES[(MODES.index(self.mode) + 1) % len(MODES)]
         self.stage.paint(self.mode)
         self.refresh()
 
     def toggle_everything(self) -> None:
-        """All contacts, or those up to the instant."""
+        """Switch between all contacts and those up to the instant."""
         self.everything = not self.everything
         self.refresh()
 
     def refresh(self) -> None:
-        """Update picture, text and colour bar."""
+        """Redraw picture, text and colour bar."""
         instants, now = self.stage.scene.instants, self.instant
         self.stage.show(now, everything=self.everything)
         help_words = (
@@ -222,7 +222,7 @@ class _Controls:
         self.plotter.add_scalar_bar(self._bar, mapper=mapper, color=INK, **place, **text)
 
     def _follow(self) -> None:
-        """Slider and camera's picture of this instant."""
+        """Update slider and camera picture to this instant."""
         if self._slider is not None:
             self._slider.GetRepresentation().SetValue(self.instant)
         if self._inset is None:
@@ -235,7 +235,7 @@ class _Controls:
             representation.SetImage(image)
 
     def add_to_window(self) -> None:
-        """Slider, keys, legend and the camera's picture."""
+        """Add slider, keys, legend and the camera's picture."""
         instants = self.stage.scene.instants
         if len(instants) > 1:
             ends, place = (0, len(instants) - 1), {"pointa": (0.30, 0.07), "pointb": (0.95, 0.07)}

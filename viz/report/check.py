@@ -1,4 +1,4 @@
-"""The report of `vbaa check`: one page, made from check.json's contents and nothing else."""
+"""The report of `vbaa check`: one page, made from check.json alone."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ DROPPED = (("name", "picture", None), ("reason", "why it was not used", None))
 
 
 def page(document: Mapping[str, Any]) -> str:
-    """The whole report as HTML, from what `Assessment.to_dict` makes."""
+    """The report as HTML, from the document of `Assessment.to_dict`."""
     findings = [*document["session_findings"], *document["findings"]]
     maps, numbers, session = document["maps"], document["numbers"], document["session"]
     rays, size = {"has_ray": maps["has_ray"]}, numbers["lens"]["image_size"]
@@ -105,7 +105,7 @@ def _session(session: Mapping[str, Any], numbers: Mapping[str, Any]) -> dict[str
 
 
 def _calibrated(numbers: Mapping[str, Any]) -> list[tuple[str, Table]]:
-    """Every number of the rig with its deviation."""
+    """Table of all numbers of the rig, with standard deviations."""
     lens, pose, antenna, sensor = (numbers[key] for key in ("lens", "camera_pose", "antenna", "moment_sensor"))
     lens_std = lens["std"] or [None] * len(lens["values"])
     nominal = antenna["nominal_stiffness_Nm2"]
@@ -144,7 +144,7 @@ def _calibrated(numbers: Mapping[str, Any]) -> list[tuple[str, Table]]:
 
 
 def lens_rows(names: Iterable[str], values: Iterable[float], stds: Iterable[float | None]) -> list[list[str]]:
-    """A row for each number of a lens: name, value with deviation, unit."""
+    """A row for each parameter of a lens: name, value with standard deviation, unit."""
     return [
         [name, with_std(float(value), std), "px" if name in ("fx", "fy", "cx", "cy") else ""]
         for name, value, std in zip(names, values, stds, strict=True)
@@ -156,7 +156,7 @@ def _row(words: str, data: Mapping[str, Any], name: str, suffix: str, scale: flo
 
 
 def _quality(quality: Mapping[str, Any]) -> dict[str, Any]:
-    """What the calibration wrote down of itself; any part may be missing or of another shape."""
+    """The calibration's own record of its quality; any part may be missing or of another form."""
     verdict, frames, dropped = at(quality, "lens", "verdict"), at(quality, "stills"), at(quality, "lens", "dropped")
     if isinstance(frames, list):
         frames = [

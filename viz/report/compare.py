@@ -1,4 +1,5 @@
-"""Two results side by side: contacts, whole batches or rigs; what changed, in deviations, and the page about it."""
+"""Comparison of two results: contacts, whole batches or rigs; their differences in standard deviations, and the
+page."""
 
 from __future__ import annotations
 
@@ -52,7 +53,8 @@ class ComparedContacts:
     deviations: Mapping[str, np.ndarray]
 
     def off(self, tolerance: float) -> int:
-        """Frames that are in one alone, have another status, or lie further apart than so many deviations."""
+        """Frames that only one table has, that differ in status, or that are more than `tolerance` standard
+        deviations apart."""
         far = np.zeros(len(self.located), bool)
         for values in self.deviations.values():
             far |= ~(np.abs(values) <= tolerance)
@@ -60,11 +62,11 @@ class ComparedContacts:
 
     @property
     def count(self) -> int:
-        """Frames of A or B."""
+        """Number of frames of A or B."""
         return len(self.frames) + self.only_a + self.only_b
 
     def to_dict(self, tolerance: float) -> dict[str, Any]:
-        """In numbers."""
+        """The comparison in numbers."""
         return {
             "frames": self.count,
             "off": self.off(tolerance),
@@ -116,13 +118,13 @@ def _pooled(own_std: np.ndarray, other_std: np.ndarray) -> np.ndarray:
 
 
 def _over(difference: np.ndarray, std: np.ndarray) -> np.ndarray:
-    """Differences over their standard deviations; 0 where they are equal, of exact quantities, too."""
+    """Differences divided by their standard deviations; 0 where they are equal, also for exact quantities."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(difference == 0.0, 0.0, difference / std)
 
 
 def _mahalanobis(apart: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """(K,) lengths of (K, 3) in the deviations of covariances (K, 3, 3); NaN where one is not known."""
+    """(K,) Mahalanobis lengths of (K, 3) by covariances (K, 3, 3); NaN where one is unknown."""
     found = np.where((apart == 0.0).all(axis=1), 0.0, np.nan)
     known = np.flatnonzero(np.isfinite(covariance).all(axis=(1, 2)) & np.isfinite(apart).all(axis=1) & (found != 0.0))
     inverse = np.linalg.pinv(covariance[known], hermitian=True)
@@ -132,8 +134,9 @@ def _mahalanobis(apart: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _ComparedRigs:
-    """Two rigs, parameter by parameter: names, A's and B's deviations, B minus A, that in deviations (P,) each; and the
-    settings, which count as exact, that differ. Lenses of two models are compared by `_apart_px`."""
+    """Two rigs compared parameter by parameter: names, standard deviations of A and B, B minus A, and that in
+    standard deviations, (P,) each; and the settings, which count as exact, that differ. Lenses of two models are
+    compared by `_apart_px`."""
 
     names: tuple[str, ...]
     std_a: np.ndarray
@@ -143,12 +146,12 @@ class _ComparedRigs:
     settings: tuple[str, ...]
 
     def beyond(self, tolerance: float) -> list[str]:
-        """Parameters further apart than so many deviations, and settings that differ."""
+        """Parameters more than `tolerance` standard deviations apart, and settings that differ."""
         far = ~(np.abs(self.deviations) <= tolerance)
         return [*(name for name, is_far in zip(self.names, far, strict=True) if is_far), *self.settings]
 
     def to_dict(self, tolerance: float) -> dict[str, Any]:
-        """In numbers."""
+        """The comparison in numbers."""
         columns = zip(self.names, self.difference, self.std_a, self.std_b, self.deviations, strict=True)
         return {
             "beyond": self.beyond(tolerance),
@@ -166,7 +169,7 @@ class _ComparedRigs:
 
 
 def compare_rigs(a: Rig, b: Rig) -> _ComparedRigs:
-    """Two rigs, of any lens models."""
+    """Comparison of two rigs, with any lens models."""
     step = b.step_from(a)
     std = [parameter_std(rig)[: len(step)] for rig in (a, b)]
     names = (*RIG_PARAMETERS, *a.camera.parameter_names)[: len(step)]
@@ -189,8 +192,9 @@ def compare_rigs(a: Rig, b: Rig) -> _ComparedRigs:
 
 
 def _apart_px(a: Camera, b: Camera) -> tuple[float, float, float]:
-    """How far apart two lenses show the same rays, in px, and A's and B's deviations of that: where over the picture,
-    along its columns or rows, it is most in deviations. NaN where no ray of A is seen by B."""
+    """Displacement, px, between two lenses' projections of the same rays, with A's and B's standard deviations, at
+    the place over the picture, along columns or rows, where it is largest in standard deviations. NaN where B sees
+    no ray of A."""
     width, height = a.image_size
     grid = 9
     u, v = np.meshgrid(np.linspace(0.0, width - 1.0, grid), np.linspace(0.0, height - 1.0, grid))
@@ -208,7 +212,7 @@ def _apart_px(a: Camera, b: Camera) -> tuple[float, float, float]:
 
 
 def _projection_std(camera: Camera, pixels: np.ndarray) -> np.ndarray:
-    """(N, 2) standard deviations, px, of where the camera shows the rays of pixels (N, 2); NaN beyond 90° off axis."""
+    """(N, 2) standard deviations, px, of the projections of the rays of pixels (N, 2); NaN beyond 90° off the axis."""
     if camera.covariance is None:
         return np.zeros(pixels.shape)
     points, by_pixel, _ = camera.normalized_with_slopes(pixels)
@@ -219,7 +223,7 @@ def _projection_std(camera: Camera, pixels: np.ndarray) -> np.ndarray:
 def contacts_page(
     title: str, compared: Mapping[str, ComparedContacts], missing: Sequence[str], result: Mapping[str, Any]
 ) -> str:
-    """The page about contacts, by recording where there are several; `missing` says which are in one result alone."""
+    """The page on contacts, by recording where there are several. missing : recordings that only one result has."""
     tolerance = float(result["tolerance"])
     every = [each.to_dict(tolerance) | {"name": name} for name, each in compared.items()]
     rows = [[one["name"], one["frames"], one["off"], *_cells(one["deviations"])] for one in every]
@@ -264,7 +268,7 @@ def _over_frames(name: str, one: ComparedContacts, values: np.ndarray, tolerance
 
 
 def rigs_page(title: str, compared: _ComparedRigs, result: Mapping[str, Any]) -> str:
-    """The page about two rigs."""
+    """The page on two rigs."""
     columns = zip(compared.names, compared.difference, compared.std_a, compared.std_b, compared.deviations, strict=True)
     rows = [[name, *(number(float(value), 3) for value in values)] for name, *values in columns]
     return _page(

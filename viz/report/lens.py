@@ -1,4 +1,4 @@
-"""The page of `vbaa intrinsics`: the verdict, where the lens was seen and how well it is known, each view, a sample."""
+"""The page of `vbaa intrinsics`: the verdict, coverage and uncertainty of the lens, each view, a sample picture."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def page(
 
 
 def _residuals(solution: LensSolution, views: Sequence[BoardView]) -> list[dict[str, Any]]:
-    """Corners and what they miss the solution by, view by view, as the figures of boards take them."""
+    """Corners and their residuals, view by view, in the form that the figures of boards take."""
     seen, points_m = {view.name: view for view in views}, solution.board_shape.points_m
     rows = []
     for used in solution.views:
@@ -92,7 +92,8 @@ def _residuals(solution: LensSolution, views: Sequence[BoardView]) -> list[dict[
 
 
 def _maps(camera: Camera, distance_m: float) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Deviations over the picture, in the worst direction: on a plane across the axis, mm, and in the picture, px."""
+    """Maps of worst-direction standard deviations over the picture: on a plane across the axis, mm, and in the
+    picture, px."""
     pixels, covariance_px2, std_px = projection_uncertainty(camera, grid=(49, 37))
     _, slopes, seen = camera.normalized_with_slopes(pixels)
     slopes = 1e3 * distance_m * np.where(seen[..., None, None], slopes, np.nan)
@@ -105,7 +106,7 @@ def _maps(camera: Camera, distance_m: float) -> tuple[dict[str, Any], dict[str, 
 
 
 def _straightened(camera: Camera, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The picture, and the same through a lens without distortion, as wide as it is."""
+    """The picture, and the same resampled through a lens of the same width without distortion."""
     width, height = camera.image_size
     edge = np.concatenate(
         [np.column_stack([np.arange(width), np.full(width, row)]) for row in (0, height - 1)]
@@ -122,7 +123,7 @@ def _straightened(camera: Camera, image: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _board(shape: BoardShape) -> Table:
-    """How the board differs from a flat print with square squares."""
+    """The board's deviations from a flat print with square squares."""
     scales = {"mm": 1e3, "%": 1e2, "mrad": 1e3}
     rows = [
         [words, with_std(float(value), float(std), scales[unit]), unit]

@@ -1,5 +1,5 @@
-"""From files to report.html: the one way that `vbaa report`, `vbaa estimate` and `vbaa demo` take; with its pictures,
-the scene in three dimensions, and one of the recording with what was seen in it."""
+"""From files to report.html, for `vbaa report`, `vbaa estimate` and `vbaa demo`; with pictures of the scene in three
+dimensions, and of the recording with the detected antenna."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Sources:
-    """What a report is made from.
+    """Inputs of a report.
 
     contacts : contacts.csv or .parquet.
     rig : rig.json: adds friction, stiffness, the scene and the residual's scale.
@@ -70,7 +70,7 @@ def make_report(
     summary: Sequence[SummaryRow] = (),
     force: bool = False,
 ) -> None:
-    """Read the sources, estimate the object, draw, and write the page, whole or not at all.
+    """Read the inputs, estimate the object, draw, and write the page, completely or not at all.
 
     `argv` is the command line that asked for it, `summary` holds errors against truth with the goal of each.
     Raises InputError when a source cannot be read, or the page exists and `force` is off.
@@ -120,7 +120,7 @@ def _scene_picture(
     truth: Mapping[str, Any] | None,
     session: Path | None,
 ) -> Markup:
-    """The scene, or why there is none. `truth` is truth.json's contents."""
+    """The scene's pictures, or the reason why there are none. truth : truth.json's content."""
     if not table.located.any():
         return _picture("No picture of the scene: no frame has a located contact.")
     try:
@@ -146,8 +146,8 @@ def _scene_picture(
 
 
 def _seen_picture(table: ContactTable, rig: Rig, session: Path, ground: Ground | None = None) -> Markup:
-    """The recording's picture of the greatest force with what is seen in it and the contact in the table, or why there
-    is none."""
+    """The recording's picture at the greatest force, with the detected antenna and the table's contact, or the
+    reason why there is none."""
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.overlay import frame_picture
     from estimator.contact.recording import FrameContact, detected, read_ahead
@@ -176,6 +176,7 @@ def _seen_picture(table: ContactTable, rig: Rig, session: Path, ground: Ground |
 
 
 def _picture(words: str, jpeg: bytes = b"", **drawn: Sequence[object]) -> Markup:
-    """A picture of the report: a JPEG, or drawn `views` with their `colours` and `ramps`; without, `words` say why."""
+    """A picture of the report: a JPEG, or drawn `views` with their `colours` and `ramps`; without either `words`
+    give the reason."""
     drawn = {"views": (), "colours": (), "ramps": ()} | drawn
     return Markup(render("picture.html.j2", words=words, jpeg=jpeg, **drawn))

@@ -1,4 +1,4 @@
-"""The table and the page of one rig calibrated again and again."""
+"""The page on repeated calibrations of one rig."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from viz.pages.page import Table, labelled, number, render
 
 
 def words(found: OverTime) -> list[str]:
-    """What stays, scatters and drifts, in sentences."""
+    """Sentences on the parameters that are constant, scatter and drift."""
     lines = []
     for index, name in enumerate(found.names):
         if found.drifts[index]:
@@ -53,7 +53,7 @@ def page(title: str, found: OverTime, dates: Sequence[str], lines: Sequence[str]
 
 
 def _figure(found: OverTime, index: int) -> Plot:
-    """One parameter over days, with two deviations, its mean, and its trend where there is one."""
+    """One parameter against days, with two standard deviations, its mean, and its trend where there is one."""
     label, unit, scale = labelled(found.names[index])
     at, value, std = found.days, scale * found.values[:, index], scale * found.std[:, index]
     low, high = value - 2.0 * std, value + 2.0 * std

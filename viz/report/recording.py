@@ -140,7 +140,7 @@ def page(report: Report) -> str:
 
 
 def _refined_fact(report: Report) -> list[Fact]:
-    """How much better the distance is known than frame by frame."""
+    """The gain in the distance's accuracy over frame-wise estimates."""
     if report.framewise is None:
         return []
     both = report.table.located & report.framewise.located
@@ -194,7 +194,8 @@ def _colours(kinds: Mapping[str, tuple[str, str]]) -> dict[str, str]:
 
 
 def _quantities(report: Report) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray | None, np.ndarray | None]]:
-    """Title with its unit, value, deviation, truth and shared deviation of what was estimated of each frame."""
+    """Title with unit, value, standard deviation, true value and shared standard deviation of each estimated
+    quantity."""
     table, truth, located = report.table, report.truth, report.table.located
     found = []
     for name, words, shared in (
@@ -226,7 +227,7 @@ def _std(table: ContactTable, name: str) -> np.ndarray:
 
 
 def _contacts(report: Report) -> dict[str, Any]:
-    """Pictures of the located contacts: maps, forces, friction cone and indentation; none without such a contact."""
+    """Figures of the located contacts: maps, forces, friction cone and indentation; none without such a contact."""
     table, estimate, truth = report.table, report.estimate, report.truth
     if not table.located.any():
         return {"maps": [], "indentation": None}
@@ -256,7 +257,7 @@ def _contacts(report: Report) -> dict[str, Any]:
 
 
 def _drift_table(drift: Mapping[str, Any] | None) -> Table:
-    """What has changed of the rig, parameter by parameter, against what was thought possible."""
+    """The rig's changes, parameter by parameter, with their prior standard deviations."""
     drift = drift or {"parameters": {}, "beyond": ()}
     marks = dict.fromkeys(drift["beyond"], "beyond")
     rows = [
@@ -267,7 +268,7 @@ def _drift_table(drift: Mapping[str, Any] | None) -> Table:
 
 
 def _drift_figure(drift: Mapping[str, Any] | None) -> Markup | None:
-    """What has changed most, over time, in the deviations that were thought possible; None with one lot of frames."""
+    """The largest changes over time, in prior standard deviations; None with a single group of frames."""
     past = [one for one in (drift or {}).get("over_time", []) if one["time_s"] is not None]
     if drift is None or len(past) < 2:
         return None
@@ -282,7 +283,7 @@ def _drift_figure(drift: Mapping[str, Any] | None) -> Markup | None:
 
 
 def _contacts_table(table: ContactTable, phase: Sequence[str] | None) -> Table:
-    """A row for every frame, evenly thinned where there are more than a page holds; its columns are `SYMBOLS`."""
+    """A row for every frame, evenly thinned where there are more than fit on a page; its columns are `SYMBOLS`."""
     rows = thinned(np.arange(len(table)), MOST_ROWS)
     part = table.picked(rows)
     columns: dict[str, Sequence[object]] = {
@@ -311,17 +312,17 @@ def _contacts_table(table: ContactTable, phase: Sequence[str] | None) -> Table:
 
 
 def _report_unit(column: str) -> tuple[str, float]:
-    """The unit in which the report shows a column of contacts.csv, and the factor to it."""
+    """The unit in which the report prints a column of contacts.csv, and the factor to it."""
     return {"m": ("mm", 1e3), "N": ("mN", 1e3), "N·m": ("µN·m", 1e6)}[COLUMNS[column].unit]
 
 
 def _dotted(colour: str, name: str) -> Markup:
-    """A name behind a dot of its colour."""
+    """A name after a dot of its colour."""
     return Markup('<i class="dot" style="background:{}"></i>{}').format(colour, name)
 
 
 def _first_facts(table: ContactTable, facts: Sequence[Fact]) -> list[Fact]:
-    """All facts, behind those that one asks for first: whether to trust it, and why not, and what was touched."""
+    """All facts, the most important first: whether the result may be used, why not, and what was touched."""
     doubts = [fact.label for fact in facts if fact.kind == "look"]
     named = f": see {', '.join(doubts)} below" if doubts else ""
     words = f"Look first{named}." if doubts else "No frame was lost, and no check of these frames failed."

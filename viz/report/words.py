@@ -34,7 +34,7 @@ _LOST = ("no_antenna", "failed", "unobservable", "low_signal", "not_quasistatic"
 
 
 def object_found(table: ContactTable, rig: Rig | None) -> tuple[ObjectEstimate | None, Track | None, tuple[Fact, ...]]:
-    """What the contacts say together: the object, phases and events of the frames, and both in words.
+    """What the contacts determine together: the object, phases and events of the frames, and both in words.
 
     What is None is undetermined, and the facts say why.
     """
@@ -110,7 +110,7 @@ def headline(table: ContactTable) -> tuple[str, str]:
 
 
 def frame_facts(table: ContactTable, rig: Rig | None) -> list[Fact]:
-    """What the frames say by themselves."""
+    """Facts about the frames one by one."""
     counts = [(name, int(np.sum(table.status == name))) for name in STATUS_COLOURS]
     listed = ", ".join(f"{count} {name} ({STATUSES[name]})" for name, count in counts if count)
     duration = float(table.time_s[-1] - table.time_s[0])
@@ -151,7 +151,7 @@ def frame_facts(table: ContactTable, rig: Rig | None) -> list[Fact]:
 
 
 def origin(files: Mapping[str, Path | None], rig: Rig | None, argv: Sequence[str]) -> list[tuple[str, str]]:
-    """What a report was made from: names and text or HTML."""
+    """The inputs of a report: names, and text or HTML."""
     rows: list[tuple[str, str]] = []
     if argv:
         rows.append(("command", Markup("<code>{}</code>").format(shlex.join(argv))))

@@ -1,1 +1,1 @@
-"""What there is to see, as plain arrays."""
+"""The scene of a result, as plain arrays."""

@@ -1,4 +1,4 @@
-"""How a scene is drawn: its colours, and from where it is seen. What `viz.parts` and `viz.figures` share."""
+"""Colours and viewing direction of a scene, shared by `viz.parts` and `viz.figures`."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ LOOK = {
 
 
 def view_direction(scene: Scene, height: float, liking: float) -> np.ndarray:
-    """(3,) towards the viewer: the side that shows the touched surface and the forces best, from above.
+    """(3,) unit vector to the viewer: from above, and from the side on which the touched surface and the forces are
+    seen best.
 
     liking : weight of looking at the antenna from its side.
     """

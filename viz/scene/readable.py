@@ -1,4 +1,4 @@
-"""What a reader can take in: numbers as colours with a scale, fewer of many, larger where too small, round lengths."""
+"""Readability: numbers as colours with a scale, thinning, enlargement, round lengths."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ _RAMPS = {
 
 
 def thinned(indices: np.ndarray, most: int) -> np.ndarray:
-    """At most so many of the indices (N,), evenly spread; the first and the last among them."""
+    """At most `most` of the indices (N,), evenly spaced, with the first and the last among them."""
     if len(indices) <= most:
         return indices
     return indices[np.unique(np.linspace(0, len(indices) - 1, most).round().astype(int))]
 
 
 def enlargement(sizes: np.ndarray, visible: float) -> int:
-    """How many times larger than life the middle one of sizes (N,) can be seen, a round number up to 100."""
+    """The round factor up to 100 by which the median of sizes (N,) must be enlarged to be visible."""
     known = sizes[np.isfinite(sizes)]
     wanted = visible / max(float(np.median(known)), 1e-12) if len(known) else 1.0
     return next((factor for factor in (1, 2, 5, 10, 20, 50) if factor >= wanted), 100)
@@ -47,7 +47,8 @@ def round_down(value: float) -> float:
 
 
 def on_ramp(stops: Sequence[str], share: np.ndarray) -> np.ndarray:
-    """(N, 3) uint8 between colours "#rrggbb" that are evenly spaced, at shares (N,) from 0 to 1; NaN counts as 0."""
+    """(N, 3) uint8 colours interpolated between evenly spaced ones "#rrggbb", at shares (N,) from 0 to 1; NaN counts
+    as 0."""
     rgb = np.array([[int(stop[at : at + 2], 16) for at in (1, 3, 5)] for stop in stops], float)
     at = np.clip(np.nan_to_num(share), 0.0, 1.0) * (len(stops) - 1)
     return np.column_stack([np.interp(at, np.arange(len(stops)), part) for part in rgb.T]).round().astype(np.uint8)
@@ -60,7 +61,7 @@ def hexes(rgb: np.ndarray) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class _Scale:
-    """A colour scale and what it gives N values.
+    """A colour scale, and the colours of N values on it.
 
     title, unit : what it shows. ticks : round values in that unit, from its low to its high end.
     rgb : (N, 3) uint8, grey for a value that is NaN.
@@ -102,7 +103,7 @@ def contact_scale(scene: Scene, mode: str) -> _Scale:
 
 
 def surface_scale(std_m: np.ndarray) -> _Scale:
-    """The scale of a reconstructed surface by its standard deviation (N,): the paler, the less is known."""
+    """The scale of a reconstructed surface by its standard deviation (N,): pale where it is large."""
     return _scale(1e3 * std_m, "std of the surface", "mm", "surface")
 
 

@@ -1,4 +1,4 @@
-"""The rig as it stood while it touched: shapes, camera and plane C, carried into the world."""
+"""The rig at the instants of contact: shapes, camera and plane C, in the world frame."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .readable import thinned
 
 @dataclass(frozen=True, eq=False)
 class RigItems:
-    """The rig at each of M instants; NaN where its joints are not known.
+    """The rig at each of M instants; NaN where its joint angles are unknown.
 
     Attributes
     ----------
@@ -47,13 +47,13 @@ class RigItems:
 
     @property
     def drawn_radius_m(self) -> float:
-        """Thicker than life: a wire of 0.8 mm would be less than a pixel."""
+        """Enlarged radius for drawing: a wire of 0.8 mm would be less than a pixel."""
         return 1.8 * self.antenna_radius_m
 
 
 def rig_items(rig: Rig, table: ContactTable, rows: np.ndarray, main: int) -> RigItems:
-    """The rig at the instants of these rows (M,), and which of them become ghosts: some spread over the located
-    contacts, `main` not among them.
+    """The rig at the instants of these rows (M,), and the mask of those drawn as ghosts: some spread over the
+    located contacts, without `main`.
 
     Raises InputError when the contacts are not of this rig.
     """
@@ -78,7 +78,7 @@ def rig_items(rig: Rig, table: ContactTable, rows: np.ndarray, main: int) -> Rig
 
 
 def _shapes(rig: Rig, table: ContactTable, rows: np.ndarray, poses: np.ndarray, share: float) -> np.ndarray:
-    """(M, N, 3) world: the antenna under `share` of the force that was estimated; free where none was."""
+    """(M, N, 3) points of the antenna in the world under `share` of the estimated force; free where there is none."""
     length, count = rig.antenna.length_m, len(rows)
     rotation = np.where(np.isfinite(poses[:, :3, :3]), poses[:, :3, :3], 0.0)
     angle = np.nan_to_num(table.friction_angle_rad[rows])
@@ -100,7 +100,8 @@ def _shapes(rig: Rig, table: ContactTable, rows: np.ndarray, poses: np.ndarray, 
 
 
 def _seen(rig: Rig, points_m: np.ndarray, poses: np.ndarray) -> np.ndarray:
-    """(M, N, 2) shares of the picture's width and height, of points (M, N, 3) in the world; NaN outside it."""
+    """(M, N, 2) image coordinates, relative to width and height, of points (M, N, 3) in the world; NaN outside the
+    picture."""
     in_antenna = np.einsum("mji,mnj->mni", poses[:, :3, :3], points_m - poses[:, None, :3, 3])
     in_camera = rig.T_antenna_camera.inverse() @ np.nan_to_num(in_antenna).reshape(-1, 3)
     pixels, valid = rig.camera.project(in_camera)
@@ -110,7 +111,7 @@ def _seen(rig: Rig, points_m: np.ndarray, poses: np.ndarray) -> np.ndarray:
 
 
 def _picture_grid(camera: Camera, depth_m: float) -> np.ndarray:
-    """(H, W, 3) camera frame: a grid over the whole picture at a depth, as the lens sees it.
+    """(H, W, 3) grid of points over the whole picture at a depth, camera frame, with the lens's distortion.
 
     Where the lens has no ray, that of a lens without distortion is drawn.
     """
@@ -138,7 +139,8 @@ def session_pictures(folder: Path, frames: np.ndarray, image_size: tuple[int, in
 
 
 def small_picture(path: Path, image_size: tuple[int, int]) -> np.ndarray:
-    """(H, W, 3) RGB. Raises InputError when it cannot be read or is not of `image_size` (width, height)."""
+    """(H, W, 3) RGB reduced picture. Raises InputError when it cannot be read or is not of `image_size` (width,
+    height)."""
     pixels = read_picture(path)
     height, width = pixels.shape[:2]
     if (width, height) != tuple(image_size):

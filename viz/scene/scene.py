@@ -1,4 +1,4 @@
-"""What there is to see, as plain arrays in the world frame, and in words. `viz.parts` draws it; pyvista stays there."""
+"""The scene of a result as plain arrays in the world frame, and in words. `viz.parts` draws it with pyvista."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Instants:
 
 @dataclass(frozen=True, eq=False)
 class ShownContacts:
-    """P located contacts in the order of time. NaN where the table gives nothing.
+    """P located contacts in the order of time. NaN where the table has no value.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class ShownContacts:
 
     @property
     def principal(self) -> tuple[np.ndarray, np.ndarray]:
-        """(P, 3, 3) unit principal axes of the covariances in columns, and (P, 3) m standard deviations, rising."""
+        """(P, 3, 3) unit principal axes of the covariances in columns, and (P, 3) m standard deviations, increasing."""
         known = np.isfinite(self.covariance_m2).all(axis=(1, 2))
         variance, axes = np.linalg.eigh(np.where(known[:, None, None], self.covariance_m2, 0.0))
         return axes, np.where(known[:, None], np.sqrt(np.maximum(variance, 0.0)), np.nan)
@@ -100,7 +100,7 @@ class ObjectMesh:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Everything that is drawn; what is None or empty is left out.
+    """Everything that is drawn; parts that are None or empty are left out.
 
     Attributes
     ----------
@@ -126,7 +126,7 @@ class Scene:
 
     @property
     def bounding_ball_m(self) -> tuple[np.ndarray, float]:
-        """Centre (3,) and radius of a ball around what was touched."""
+        """Centre (3,) and radius of a sphere around the contacts and the object."""
         points = self.contacts.points_m
         if self.object is not None:
             points = np.concatenate([points, self.object.points_m])
@@ -135,18 +135,19 @@ class Scene:
 
     @property
     def ball_m(self) -> float:
-        """Radius of the ball that is drawn at each contact."""
+        """Radius of the sphere drawn at each contact."""
         return 0.02 * self.bounding_ball_m[1]
 
     def arrows(self) -> Stamps:
-        """Contacts with a force, and what an arrow's length becomes there, its first column along the force."""
+        """Contacts with a force, and the linear maps (3, 3) of a unit arrow there, with the first column along the
+        force."""
         contacts, reach = self.contacts, self.bounding_ball_m[1]
         pushed = thinned(np.flatnonzero(contacts.size_mN > 0), 100)
         lengths = 0.45 * reach * contacts.size_mN[pushed] / contacts.size_mN[pushed].max(initial=1e-12)
         return pushed, lengths[:, None, None] * along(contacts.force_N[pushed]), ""
 
     def spreads(self) -> Stamps:
-        """Ellipsoids of two standard deviations by their half axes, enlarged until the usual one can be seen."""
+        """Ellipsoids of two standard deviations by their half axes, enlarged until the median one is visible."""
         (axes, std), reach = self.contacts.principal, self.bounding_ball_m[1]
         half = 2 * std
         known = np.flatnonzero(half[:, 2] > 0)
@@ -156,7 +157,7 @@ class Scene:
         return chosen, factor * axes[chosen] * half[:, None, :], f"{factor}x enlarged" if factor > 1 else ""
 
     def cones(self) -> Stamps:
-        """Friction cones: the first column leads from the tip to the rim's centre, the others are radii of the rim."""
+        """Friction cones: the first column leads from the apex to the rim's centre, the others are radii of the rim."""
         if self.normals is None or self.cone_rad is None:
             return np.zeros(0, int), np.zeros((0, 3, 3)), ""
         chosen = thinned(np.flatnonzero(np.isfinite(self.normals).all(axis=1)), 16)
@@ -167,8 +168,8 @@ class Scene:
         return chosen, along(self.normals[chosen]) @ stretch, f"half angle {np.degrees(self.cone_rad):.1f}°"
 
     def level_grid(self, rig: RigItems) -> tuple[np.ndarray, float]:
-        """Lines (N, 2, 3) of a level grid under everything, in round squares, and a square's side, m; none where the
-        squares would be too many."""
+        """Lines (N, 2, 3) of a horizontal grid of round squares under everything, and a square's side, m; empty
+        where the squares would be too many."""
         centre, reach = self.bounding_ball_m
         known = np.isfinite(rig.poses[:, 0, 0])
         points = np.vstack([rig.bent_m[known].reshape(-1, 3), centre + reach, centre - reach])
@@ -195,7 +196,7 @@ def build_scene(
     mesh: ObjectMesh | None = None,
     with_words: bool = True,
 ) -> Scene:
-    """The scene without the camera's pictures; the object is that of the estimate, or else `mesh`.
+    """The scene without the camera's pictures; its object is the estimate's, or else `mesh`.
 
     with_words : also each contact's numbers in words.
 
@@ -238,7 +239,7 @@ def framewise(path: Path, refined: ContactTable) -> ContactTable:
 
 
 def _instants_of(table: ContactTable, phase: np.ndarray | None = None, most: int = 240) -> Instants:
-    """The instants of a recording. `phase` (B,) is a word per frame on its motion, as `estimator.track` gives it.
+    """The instants of a recording. phase : (B,) a word per frame on its motion, as from `estimator.track`.
 
     Raises InputError when no frame has a located contact, or one is out of reach.
     """
@@ -261,7 +262,7 @@ def _instants_of(table: ContactTable, phase: np.ndarray | None = None, most: int
 
 
 def refuse_out_of_reach(table: ContactTable, where: object = None) -> None:
-    """Raises InputError for a contact beyond 10 km or 10 kN: single precision, in which all is drawn, fails there."""
+    """Raises InputError for a contact beyond 10 km or 10 kN, where single precision, in which all is drawn, fails."""
     for values, unit in ((table.force_world_N, "N"), (table.point_world_m, "m")):
         beyond = np.flatnonzero(table.located & (np.abs(np.nan_to_num(values)) > 1e4).any(axis=1))
         if len(beyond):
@@ -270,7 +271,7 @@ def refuse_out_of_reach(table: ContactTable, where: object = None) -> None:
 
 
 def _words(table: ContactTable, row: int, phase: str, force: float) -> str:
-    """For example "sliding: 157.4 ± 0.2 mm from the clamp, 69.1 ± 0.4 mN"."""
+    """A contact in words, such as "sliding: 157.4 ± 0.2 mm from the clamp, 69.1 ± 0.4 mN"."""
     status = str(table.status[row]).replace("_", " ")
     known = [phase] if phase not in ("", "unknown", "free") else []
     head = ", ".join(known if known and status == "ok" else [*known, "located" if status == "ok" else status])
@@ -288,7 +289,7 @@ def _words(table: ContactTable, row: int, phase: str, force: float) -> str:
 
 
 def _size_std_N(table: ContactTable, row: int) -> float:
-    """Standard deviation of the force's size across the antenna; without a covariance of y and z, as if it were 0."""
+    """Standard deviation of the force's magnitude across the antenna, with an unknown covariance of y and z as 0."""
     across = np.array([table.force_y_N[row], table.force_z_N[row]])
     std = np.array([table.force_y_std_N[row], table.force_z_std_N[row]])
     way = across / max(float(np.linalg.norm(across)), 1e-15)
@@ -297,7 +298,7 @@ def _size_std_N(table: ContactTable, row: int) -> float:
 
 
 def _numbers(table: ContactTable, row: int, phase: str) -> str:
-    """All of a located contact, a line each."""
+    """All numbers of a located contact, one a line."""
     force, point = 1e3 * table.force_world_N[row], 1e3 * table.point_world_m[row]
     std = 1e3 * np.sqrt(np.diagonal(table.covariance_world_m2[row]).clip(min=0))
     places = zip("XYZ", point, std, strict=True)
@@ -316,7 +317,7 @@ def _numbers(table: ContactTable, row: int, phase: str) -> str:
 
 @dataclass(frozen=True)
 class Fact:
-    """A line of a verdict. `kind` is "undetermined", "look" for what is amiss, or empty."""
+    """A line of a verdict. kind : "undetermined", "look" for a problem, or ""."""
 
     label: str
     words: str
@@ -324,13 +325,13 @@ class Fact:
 
 
 def sentence(text: str) -> str:
-    """With a capital at its begin and a full stop at its end."""
+    """The text with a capital at its beginning and a full stop at its end."""
     text = text.strip().rstrip(".")
     return f"{text[:1].upper()}{text[1:]}."
 
 
 def object_facts(estimate: ObjectEstimate) -> tuple[Fact, Fact]:
-    """μ and the object's stiffness with their intervals, or why they are undetermined."""
+    """μ and the object's stiffness with their intervals, or the reasons why they are undetermined."""
     friction, compliance = estimate.friction, estimate.surface.compliance
     slides = Fact("Friction", sentence(f"Undetermined: {friction.reason}"), "undetermined")
     if friction.determined:

@@ -1,4 +1,4 @@
-"""truth.json of a simulated session: its contacts, row by row of a table, and its object."""
+"""The truth.json of a simulated session: its contacts, row by row of a table, and its object."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class TrueContacts:
 
 
 def true_contacts(table: ContactTable, contents: Mapping[str, Any], where: object = "truth.json") -> TrueContacts:
-    """The truth of a table's frames. Raises InputError when the contents are not truth.json's."""
+    """The true values of a table's frames. Raises InputError when the content is not truth.json's."""
     distance, force, point = (np.full((len(table), *shape), np.nan) for shape in ((), (3,), (3,)))
     try:
         frames = {int(frame["frame"]): frame for frame in contents["frames"]}
@@ -54,7 +54,7 @@ def true_contacts(table: ContactTable, contents: Mapping[str, Any], where: objec
 
 
 def true_object(truth: Mapping[str, Any], where: object = "truth.json") -> TouchObject:
-    """The touched object out of truth.json's contents. Raises InputError when it is not there or wrong."""
+    """The touched object in truth.json's content. Raises InputError when it is missing or wrong."""
     data = truth.get("object")
     if not isinstance(data, Mapping):
         raise InputError("has no object", where=where, remedy=_REMEDY)

@@ -1,4 +1,4 @@
-"""board.yaml, or the flags that stand for it."""
+"""Reads a board from board.yaml, or from the equivalent flags."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ _REMEDY = "mend that key (docs/formats.md)"  # of a key of a board's file
 
 
 def load_board(path: Path) -> BoardWithIds:
-    """The board with ids of a file, at the top level or, as in session.yaml, under `board:`; also of Kalibr's.
+    """The board with ids in a file, at the top level or, as in session.yaml, under `board:`; also in Kalibr's
+    format.
 
     Raises InputError naming the file, the key and the remedy; also for a board without ids.
     """
@@ -25,7 +26,8 @@ def load_board(path: Path) -> BoardWithIds:
 
 
 def with_ids(board: object, where: object, key: str = "", remedy: str = _REMEDY) -> BoardWithIds:
-    """The board with ids that a mapping describes, ours or Kalibr's, or the file that session.yaml at `where` names.
+    """The board with ids that a mapping describes, in our format or Kalibr's, or the one in the file that
+    session.yaml at `where` names.
 
     Raises InputError naming `where` and the key.
     """
@@ -39,7 +41,7 @@ def with_ids(board: object, where: object, key: str = "", remedy: str = _REMEDY)
 
 
 def load_lens_board(path: Path) -> Board:
-    """The board of any kind, with ids or without, that a file describes: the lens can be calibrated with each.
+    """The board of any kind, with or without ids, in a file: all kinds can calibrate the lens.
 
     Raises InputError naming file and key.
     """
@@ -48,7 +50,7 @@ def load_lens_board(path: Path) -> Board:
 
 
 def _keys(path: Path) -> tuple[Mapping[str, Any], str, Path]:
-    """The mapping that describes a board, its key and its file: another one, where a session.yaml names that."""
+    """The mapping that describes a board, its key and its file, which session.yaml may name."""
     data = read_yaml(path)
     board = data.get("board")
     if isinstance(board, str):
@@ -109,7 +111,7 @@ def _of_kalibr(target: Mapping[str, Any], where: object, key: str) -> Board:
 
 
 def counts(text: str, flag: str, where: str) -> tuple[int, int]:
-    """Columns and rows from a text such as 11x7. Raises InputError."""
+    """Columns and rows from text such as 11x7. Raises InputError."""
     found = re.fullmatch(r"\s*([0-9]{1,6})\s*[xX×]\s*([0-9]{1,6})\s*", text)
     if not found:
         raise InputError(f"{flag} is {text!r}", where=where, remedy="give columns x rows, such as 11x7")

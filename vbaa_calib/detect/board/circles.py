@@ -1,7 +1,7 @@
-"""Centres of circles: centroids of their areas in a picture, corrected to the pictures of the true centres.
+"""Centres of circles: centroids of their areas in a picture, corrected to the projections of the true centres.
 
-The two differ, since perspective and lens are no affine maps. The map from board to picture is fitted to the grid, a
-homography followed by a cubic, and the difference integrated over each circle, of a radius by its area.
+The two differ because perspective and distortion are not affine. The map from board to picture is fitted to the grid as
+a homography followed by a cubic, and the difference is integrated over each circle, with the radius from its area.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def _slopes(project: _Map, places: np.ndarray, pitch_m: float) -> np.ndarray:
 
 
 def _bias(project: _Map, centres: np.ndarray, radius_m: float) -> np.ndarray:
-    """(N, 2) px from the picture of each circle's centre (N, 2) m to the centroid of its area."""
+    """(N, 2) px from the projection of each circle's centre (N, 2) m to the centroid of its area."""
     rings, around = 4, 12
     nodes, weights = np.polynomial.legendre.leggauss(rings)
     # quadrature over rings of equal area
@@ -99,7 +99,7 @@ def _bias(project: _Map, centres: np.ndarray, radius_m: float) -> np.ndarray:
 
 
 def _first_radius_m(image: np.ndarray, centres: np.ndarray, points: np.ndarray, pitch_m: float) -> float:
-    """The circles' radius from the share of pixels nearer to their grey level, within half the pitch."""
+    """The circles' radius from the fraction of pixels, within half the pitch, that are nearer to their grey level."""
     slopes = _slopes(_board_to_picture(points, centres), points, pitch_m)
     shares, half_m = [], 0.5 * pitch_m
     for centre, slope in zip(centres, slopes, strict=True):
@@ -125,7 +125,7 @@ def _around(image: np.ndarray, centre: np.ndarray, slope: np.ndarray, reach_m: f
 
 @dataclass(frozen=True, eq=False)
 class _Area:
-    """The area of a circle.
+    """Area of a circle in the picture, with its centroid and blur.
 
     centre : (2,) px. px2 : size. blur_px : standard deviation of its edge.
     variances : (2,) of the noise within and around it, grey levels squared.
@@ -147,7 +147,7 @@ class _Area:
 def _area(
     image: np.ndarray, centre: np.ndarray, slope: np.ndarray, circle: tuple[float, float], blur_px: float
 ) -> _Area | None:
-    """The area of the circle at about `centre`; None if it is too small, or cut off by the picture's border.
+    """The area of the circle near `centre`; None if it is too small, or cut by the picture's border.
 
     circle : its radius and the circles' pitch, m. blur_px : standard deviation of its edge's blur.
     Grey levels are used only near the edge: pixels further inside count as covered, those further outside as not.

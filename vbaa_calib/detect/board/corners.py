@@ -1,4 +1,4 @@
-"""The board's corners in pictures."""
+"""Detection of a board's corners in pictures."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from .view_quality import ViewQuality, measure_quality
 
 @dataclass(frozen=True, eq=False)
 class BoardView:
-    """The board in one picture.
+    """The board's detected corners in one picture.
 
     Attributes
     ----------
@@ -73,15 +73,15 @@ def require_corners(ids: np.ndarray, pixels: np.ndarray, count: int, where: str)
 
 
 def detect_corners(image: np.ndarray, spec: Board, name: str = "") -> BoardView:
-    """Find the board's corners in a picture (H, W) uint8; none gives an empty view. Boards without ids count whole."""
+    """Detect the board's corners in a picture (H, W) uint8; an empty view without a board. Boards without ids must
+    be complete."""
     return _KINDS[type(spec)](image, spec, name)
 
 
 def _detect_charuco(image: np.ndarray, spec: BoardSpec, name: str) -> BoardView:
-    """Detects a ChArUco board with OpenCV's default settings: on the real photo sets each marker refinement changes the
-    reprojection error by a few per cent, up or down. Corners next to a single marker are left out, since they are
-    grossly wrong on partly covered boards. Of several copies of the board, that of which most is seen is taken.
-    """
+    """Detects a ChArUco board with OpenCV's default settings: on the real photo sets every marker refinement changes
+    the reprojection error by a few per cent, up or down. Corners next to a single marker are left out, since they
+    are grossly wrong on partly covered boards. Of several copies of the board the most visible one is taken."""
     # OpenCV refuses a picture without pixels
     seen = image if image.size else np.zeros((1, 1), np.uint8)
     detector = cv2.aruco.CharucoDetector(opencv_board(spec))
@@ -111,7 +111,7 @@ def _arrays(*found: Sequence[np.ndarray] | np.ndarray | None) -> list[np.ndarray
 
 
 def _detect_april_grid(image: np.ndarray, spec: AprilGrid, name: str) -> BoardView:
-    """Corners of the tags that stand as neighbours on the grid; how the tags are turned, their neighbours show."""
+    """Detects corners of the tags that have neighbours on the grid, which show how the tags are rotated."""
     markers = find_markers(image, spec.dictionary, spec.border)
     order = np.argsort(spec.marker_ids)
     tags = markers.picked(np.isin(markers.ids, spec.marker_ids))
@@ -217,7 +217,8 @@ _KINDS: dict[type[Board], Callable[[np.ndarray, Any, str], BoardView]] = {
 
 
 def _smoothed(image: np.ndarray, corners: np.ndarray | None = None) -> np.ndarray:
-    """The picture (H, W) in which corners are refined; around these (N, 2) where they are known, zero beyond."""
+    """The picture (H, W) in which corners are refined; only around these corners (N, 2) if they are known, zero
+    elsewhere."""
     sigma = DetectionSettings.smoothing_px
     if corners is None or not np.isfinite(corners).all():
         return cv2.GaussianBlur(image.astype(np.float32), (0, 0), sigma) if image.size else image
@@ -239,7 +240,7 @@ def _smoothed(image: np.ndarray, corners: np.ndarray | None = None) -> np.ndarra
 def _between_markers(
     smooth: np.ndarray, corners: np.ndarray, markers: Markers, spec: BoardSpec
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (N, 2) refined again in windows that end before the markers, and these half windows (N,).
+    """Corners (N, 2) refined again in windows that end before the markers, and the half windows (N,).
 
     In drawn pictures OpenCV's window, which reaches the markers, gives errors of 0.14 px rms and up to 0.6 px, this one
     of 0.03 px, and in a smoothed picture half of it; on the real photo sets the reprojection error changes by less than
@@ -316,7 +317,7 @@ def detect_files(paths: Sequence[Path], spec: Board) -> list[BoardView]:
 
 
 def _with_parts(views: list[BoardView], paths: Sequence[Path], spec: Chessboard) -> list[BoardView]:
-    """The views, those of a part of a chessboard too, where the nearest pictures of the whole one tell which it is."""
+    """The views, including parts of a chessboard where the nearest pictures of the whole one identify the part."""
     whole, found = [index for index, one in enumerate(views) if len(one.ids)], list(views)
     for index, one in enumerate(views):
         if len(one.ids) or one.left_out or not whole:
@@ -331,7 +332,7 @@ def _with_parts(views: list[BoardView], paths: Sequence[Path], spec: Chessboard)
 
 
 def _one_size(paths: Sequence[Path], sizes: Sequence[tuple[int, int]]) -> tuple[int, int]:
-    """The common size of the pictures, but for a few. Raises InputError where too many are of another."""
+    """The pictures' common size, with a few exceptions. Raises InputError where too many differ."""
     usual, count = Counter(sizes).most_common(1)[0]
     other = [(path, size) for path, size in zip(paths, sizes, strict=True) if size != usual]
     if not other:

@@ -73,7 +73,7 @@ def corner_covariances(
     smooth: np.ndarray | None = None,
     smoothing_px: float = 0.0,
 ) -> np.ndarray:
-    """(N, 2, 2) px² covariance of corners (N, 2) px that `cv2.cornerSubPix` refined with half windows (N,).
+    """(N, 2, 2) px² covariances of corners (N, 2) px that `cv2.cornerSubPix` refined with half windows (N,).
 
     image : (H, W) uint8. smooth : the same smoothed by σ `smoothing_px`, if that was refined in. A window without a
     corner gives its own size. Noise is assumed independent between pixels: the covariance is too small where JPEG or
@@ -104,7 +104,7 @@ def corner_covariances(
 
 
 def _spread(size: int, reach: int, smoothing_px: float) -> np.ndarray:
-    """(size + 2 reach, size) weights of pixels in smoothed ones; float32."""
+    """(size + 2 reach, size) weights of pixels in the smoothed ones; float32."""
     off = np.arange(-reach, reach + 1)
     bell = np.exp(-0.5 * (off / smoothing_px) ** 2)
     found = np.zeros((size + 2 * reach, size), np.float32)
@@ -156,7 +156,7 @@ def _differenced(by_gradient: np.ndarray) -> np.ndarray:
 
 
 def _gathered(by_sample: np.ndarray, part: np.ndarray) -> np.ndarray:
-    """(N, 2, K + 1, K + 1) weights of the pixels: bilinear interpolation, transposed."""
+    """(N, 2, K + 1, K + 1) weights of the pixels: transposed bilinear interpolation."""
     u, v = part[:, 0, None], part[:, 1, None]
     padded = np.pad(by_sample, ((0, 0), (0, 0), (1, 1), (1, 1)))
     across = (1 - u) * padded[..., 1:] + u * padded[..., :-1]
@@ -164,7 +164,7 @@ def _gathered(by_sample: np.ndarray, part: np.ndarray) -> np.ndarray:
 
 
 def _slopes(pixels: np.ndarray, part: np.ndarray) -> np.ndarray:
-    """(N, 2, K, K) how the samples change when the window moves along u and v."""
+    """(N, 2, K, K) derivatives of the samples by a shift of the window along u and v."""
     u, v = part[:, 0], part[:, 1]
     along_u, along_v = np.diff(pixels, axis=2), np.diff(pixels, axis=1)
     return np.stack(
@@ -173,7 +173,8 @@ def _slopes(pixels: np.ndarray, part: np.ndarray) -> np.ndarray:
 
 
 def _sandwich(by_shift: np.ndarray, curvature: np.ndarray, scatter: np.ndarray, window: int) -> np.ndarray:
-    """J⁻¹ S J⁻ᵀ (N, 2, 2), J bounded below by a share of M in every direction, beyond which it is not linear."""
+    """J⁻¹ S J⁻ᵀ (N, 2, 2), with J bounded below by a fraction of M in every direction, beyond which it is not
+    linear."""
     size = np.trace(curvature, axis1=1, axis2=2)
     fixed = np.linalg.det(curvature) > DetectionSettings.least_fixed * np.maximum(size, 1e-3) ** 2
     whole = np.where(fixed[:, None, None], curvature, np.eye(2))

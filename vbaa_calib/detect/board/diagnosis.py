@@ -1,4 +1,5 @@
-"""Why a board spec does not fit the pictures, and the spec that does: measured, and proposed only if it is found."""
+"""Diagnosis of a board specification that does not fit the pictures, and the one that does: measured, and proposed
+only if the board is then detected."""
 
 from __future__ import annotations
 
@@ -34,14 +35,15 @@ Detect = Callable[[np.ndarray, Board], tuple[np.ndarray, np.ndarray]]
 
 
 def _families() -> dict[str, tuple[int, ...]]:
-    """Marker dictionaries that contain all others, with the widths of the black borders that they are printed with."""
+    """Marker dictionaries that contain all others, with the widths of the black borders with which they are printed."""
     wide = [name for name in DICTIONARIES if name.rpartition("_")[2] not in map(str, DICTIONARY_SIZES[:-1])]
     return {name: (1, 2) if "APRILTAG_36" in name else (1,) for name in wide}
 
 
 @dataclass(frozen=True, eq=False)
 class _Sighting:
-    """Markers per picture, as they lie to one another, and how the pictures are mirrored or inverted ("" for not)."""
+    """Markers per picture with their relative positions, and whether the pictures are mirrored or inverted ("" for
+    neither)."""
 
     dictionary: str
     border: int
@@ -55,15 +57,15 @@ class _Sighting:
 
 
 def _refuse(found: tuple[str, str] | None, paths: Sequence[Path]) -> None:
-    """Raises InputError where something was found that does not fit: what, and the remedy."""
+    """Raises InputError with the mismatch and its remedy, where one was found."""
     if found is not None:
         place = Path(paths[0]).parent if len(paths) > 1 else paths[0]
         raise InputError(f"the board spec does not fit the pictures: {found[0]}", where=place, remedy=found[1])
 
 
 def refuse_wrong_spec(paths: Sequence[Path], views: Sequence[BoardView] | None, spec: Board, detect: Detect) -> None:
-    """Raises InputError where a spec does not fit the pictures, or none shows a board: what is wrong, and the spec that
-    fits. What is of no use, and rows that are not there, are printed.
+    """Raises InputError where a specification does not fit the pictures, or none contains a board: what is wrong,
+    and the specification that fits. Unused entries and missing rows are printed.
 
     views : None before the search, which is slow for a chessboard: what is seen at once is refused.
     """
@@ -113,7 +115,7 @@ def explain_mismatch(
     found: bool,
     detect: Detect,
 ) -> Diagnosis | None:
-    """What is wrong with the spec; None if nothing is, or if that cannot be determined.
+    """What is wrong with the specification; None if nothing is, or if that cannot be determined.
 
     Parameters
     ----------
@@ -141,7 +143,7 @@ def explain_mismatch(
 
 
 def _rich(markers: Sequence[Markers]) -> list[int]:
-    """Indices of the pictures that are tried: evenly chosen, or those with most markers."""
+    """Indices of the pictures to try: evenly spaced, or those with most markers."""
     counts = np.array([len(picture.ids) for picture in markers])
     if counts.any():
         return np.argsort(-counts, kind="stable")[: DetectionSettings.tried].tolist()
@@ -149,7 +151,7 @@ def _rich(markers: Sequence[Markers]) -> list[int]:
 
 
 def _markers_in_words(markers: Sequence[Markers], spec: BoardSpec | AprilGrid, read: Read) -> str:
-    """Sentence on the markers in pictures without a board, and why they make none; empty without any."""
+    """A sentence on the markers in pictures without a board, and why they form none; "" without any."""
     dictionary = spec.dictionary
     if not any(len(picture.ids) for picture in markers):
         pictures = [read(index) for index in _rich(markers)]
@@ -179,7 +181,8 @@ def _ranges(ids: np.ndarray) -> str:
 
 
 def _sightings(pictures: Sequence[np.ndarray], turns: Sequence[str]) -> Iterator[_Sighting]:
-    """The markers of each dictionary that lie in grids, most pairs first; of pictures as they are, else as `turns`."""
+    """The markers of each dictionary that form grids, most pairs first, in the pictures as they are, else as `turns`
+    changes them."""
     families = [(dictionary, border) for dictionary, borders in _families().items() for border in borders]
     for turned in turns:
         seen = [cv2.flip(picture, 1) for picture in pictures] if turned in (MIRRORED, _BOTH) else pictures
@@ -201,7 +204,7 @@ def _sightings(pictures: Sequence[np.ndarray], turns: Sequence[str]) -> Iterator
 
 
 def _likely(pictures: Sequence[np.ndarray], families: Sequence[tuple[str, int]]) -> list[tuple[str, int]]:
-    """The families of which the first picture that shows any, reduced, shows neighbours."""
+    """The families with neighbouring markers in the first picture, reduced, that contains any."""
     for picture in pictures:
         scale = min(1.0, float(np.sqrt(DetectionSettings.glance_px / max(picture.size, 1))))
         shape = [max(round(scale * side), 1) for side in picture.shape[::-1]]
@@ -225,7 +228,8 @@ def _searched(pictures: Sequence[np.ndarray], spec: BoardSpec | AprilGrid, detec
 def _proposed(
     sighting: _Sighting, grid: MarkerGrid, spec: BoardSpec | AprilGrid, pictures: Sequence[np.ndarray], detect: Detect
 ) -> Diagnosis | None:
-    """The first board that fits the grid, differs from the spec and is found in the pictures; and the differences."""
+    """The first board that fits the grid, differs from the specification and is detected in the pictures; and the
+    differences."""
     for fitting in _fitting(sighting, grid, spec):
         if fitting == spec and not sighting.turned:
             continue
@@ -242,8 +246,8 @@ def _proposed(
 
 
 def _found(pictures: Sequence[np.ndarray], sighting: _Sighting, fitting: Board, detect: Detect) -> Board | None:
-    """The board, if detecting it works in half of the pictures that show its markers; of an AprilGrid with the gap
-    between tags as it is measured."""
+    """The board, if it is detected in half of the pictures with its markers; an AprilGrid with the measured gap
+    between tags."""
     works, gaps = list[bool](), [np.zeros(0)]
     for picture in pictures:
         seen = cv2.flip(picture, 1) if sighting.turned in (MIRRORED, _BOTH) else picture
@@ -267,7 +271,7 @@ def _found(pictures: Sequence[np.ndarray], sighting: _Sighting, fitting: Board, 
 
 
 def _gaps(ids: np.ndarray, corners_px: np.ndarray, columns: int) -> np.ndarray:
-    """Gaps between the tags of an AprilGrid, in sides of the tags to both sides, from corners in order."""
+    """Gaps between the tags of an AprilGrid, relative to the adjacent tags' sides, from corners in order."""
     runs = ids[3:] - ids[:-3] == 3
     runs &= (ids[:-3] % 2 == 0) & (ids[:-3] // columns == ids[3:] // columns)
     left, gap, right = (np.linalg.norm(np.diff(corners_px, axis=0), axis=1)[i : len(ids) - 3 + i] for i in range(3))
@@ -275,7 +279,7 @@ def _gaps(ids: np.ndarray, corners_px: np.ndarray, columns: int) -> np.ndarray:
 
 
 def _fitting(sighting: _Sighting, grid: MarkerGrid, spec: Board) -> Iterator[Board]:
-    """Candidate boards with the markers of a grid, the likeliest first; lengths and what is not seen as in the spec."""
+    """Candidate boards with the markers of a grid, the likeliest first; lengths and unseen properties as specified."""
     if grid.diagonal:
         named = spec if isinstance(spec, BoardSpec) else BoardSpec(3, 3, spec.pitch_m, 0.75 * spec.pitch_m)
         yield from _charuco_boards(sighting, grid, named)
@@ -284,7 +288,8 @@ def _fitting(sighting: _Sighting, grid: MarkerGrid, spec: Board) -> Iterator[Boa
 
 
 def _april_grids(sighting: _Sighting, grid: MarkerGrid, spec: Board) -> Iterator[AprilGrid]:
-    """AprilGrids: ids go up by one to the right and by `columns` upwards, the tags turned in whatever way."""
+    """Candidate AprilGrids: ids increase by one to the right and by `columns` upwards, with the tags in any
+    rotation."""
     side_m = {BoardSpec: "marker_m", AprilGrid: "tag_m"}.get(type(spec))
     tag_m = getattr(spec, side_m) if side_m else float(f"{spec.pitch_m:.4g}")
     ids, cells = np.array(list(grid.cells)), np.array(list(grid.cells.values()))
@@ -318,7 +323,7 @@ def _april_grids(sighting: _Sighting, grid: MarkerGrid, spec: Board) -> Iterator
 
 
 def _agreement(grid: MarkerGrid, spec: BoardSpec | AprilGrid) -> tuple[int, int]:
-    """Numbers of a grid's pairs for and against the described board."""
+    """Numbers of a grid's marker pairs that agree and disagree with the specified board."""
     if isinstance(spec, BoardSpec) != grid.diagonal:
         return 0, 0
     turns = TURNS[1:2] if isinstance(spec, BoardSpec) else TURNS
@@ -340,7 +345,7 @@ def _cells_of(spec: BoardSpec | AprilGrid) -> np.ndarray:
 
 
 def _contradicted(grid: MarkerGrid, spec: BoardSpec | AprilGrid) -> bool:
-    """Whether the markers clearly contradict the layout of the spec."""
+    """Whether the markers clearly contradict the specified layout."""
     agreeing, wrong = _agreement(grid, spec)
     if not isinstance(spec, BoardSpec):
         return wrong > DetectionSettings.contradicted * (agreeing + wrong)
@@ -350,8 +355,8 @@ def _contradicted(grid: MarkerGrid, spec: BoardSpec | AprilGrid) -> bool:
 
 
 def _sequences(grid: MarkerGrid, spec: BoardSpec) -> Iterator[tuple[int, int, bool, int]]:
-    """Layouts with ids in sequence that the pairs agree on, the best first: votes against, squares_x, whether the first
-    square holds a marker, and the first id but for whole pairs of rows."""
+    """Layouts with consecutive ids that agree with the pairs, the best first: disagreeing pairs, squares_x, whether
+    the first square contains a marker, and the first id up to whole pairs of rows."""
     found = []
     for width in range(2, DetectionSettings.widest + 1):
         index = grid.pairs - np.arange(width)[:, None, None] + width
@@ -366,7 +371,8 @@ def _sequences(grid: MarkerGrid, spec: BoardSpec) -> Iterator[tuple[int, int, bo
 
 
 def _charuco_boards(sighting: _Sighting, grid: MarkerGrid, spec: BoardSpec) -> Iterator[BoardSpec]:
-    """ChArUco boards with the markers of a grid: ids in sequence, from 0 or another on, or in a list."""
+    """Candidate ChArUco boards with the markers of a grid: consecutive ids from 0 or another number on, or listed
+    ids."""
     ids = np.array(sorted(grid.cells))
     fields = {"marker_m": _marker_m(sighting, grid, spec) or spec.marker_m}
     layouts, boards = list(_sequences(grid, spec)), list[BoardSpec]()
@@ -402,8 +408,8 @@ def _charuco_boards(sighting: _Sighting, grid: MarkerGrid, spec: BoardSpec) -> I
 
 
 def _named(sighting: _Sighting, spec: BoardSpec, fields: dict[str, Any]) -> BoardSpec | None:
-    """The spec with other fields, and the dictionary that it names if that begins with the markers, else the smallest
-    that does; None where there is none."""
+    """The specification with other fields, and with its own dictionary if that contains the markers, else the
+    smallest that does; None where there is none."""
     # the small dictionaries of a family are the beginnings of the large ones
     family = sighting.dictionary.rpartition("_")[0]
     small = [f"{family}_{size}" for size in DICTIONARY_SIZES if f"{family}_{size}" in DICTIONARIES]
@@ -416,7 +422,7 @@ def _named(sighting: _Sighting, spec: BoardSpec, fields: dict[str, Any]) -> Boar
 
 
 def _causes(sighting: _Sighting, grid: MarkerGrid, fitting: Board, spec: BoardSpec | AprilGrid) -> tuple[str, ...]:
-    """How the board in the pictures differs from the spec."""
+    """Differences of the board in the pictures from the specification, in words."""
     turned = (sighting.turned,) if sighting.turned else ()
     if type(fitting) is not type(spec):
         kinds = {BoardSpec: "a ChArUco board", AprilGrid: "an AprilGrid"}
@@ -440,7 +446,7 @@ def _share(spec: Board) -> float:
 
 
 def _cause(name: str, here: Any, there: Any, measured: str) -> str:
-    """Sentence on one key of the board in which pictures and spec differ."""
+    """A sentence on one key in which the pictures' board and the specification differ."""
     match name:
         case "squares_y" | "rows":
             return f"{name} is {here} or more (not {there})"
@@ -454,7 +460,7 @@ def _cause(name: str, here: Any, there: Any, measured: str) -> str:
 
 
 def _marker_m(sighting: _Sighting, grid: MarkerGrid, spec: BoardSpec) -> float | None:
-    """The marker side in the pictures if it clearly differs from the spec's."""
+    """The marker side measured in the pictures if it clearly differs from the specified one; None otherwise."""
     ratio, named = 1.0 / grid.unit, spec.marker_m / spec.square_m
     tolerance = max(DetectionSettings.ratio, DetectionSettings.ratio_px * ratio / _side_px(sighting))
     sure = grid.votes.sum() >= DetectionSettings.votes and 0.25 < ratio < 0.98
@@ -468,7 +474,7 @@ def _side_px(sighting: _Sighting) -> float:
 
 
 def _rows_too_many(markers: Sequence[Markers], spec: BoardSpec, image_size: tuple[int, int]) -> int:
-    """Number of the spec's last rows that the board lacks: their places are in view and show no marker.
+    """Number of the specification's last rows that the board lacks: their places are in view and contain no marker.
 
     A note rather than an error: the corners keep their ids, and the sheet may be covered there.
     """
@@ -484,8 +490,7 @@ def _rows_too_many(markers: Sequence[Markers], spec: BoardSpec, image_size: tupl
 
 
 def _vacant_below(picture: Markers, columns: dict[int, int], spec: BoardSpec, image_size: tuple[int, int]) -> int:
-    """Number of places for markers of the next row that lie well inside the picture, relative to those of a row of
-    known columns."""
+    """Share of the places for markers of the next row that lie well inside the picture, from a row of known columns."""
     row = picture.picked(np.isin(picture.ids, list(columns)))
     column = np.array([columns[int(number)] for number in row.ids])
     centres, per_square = row.outlines.mean(axis=1), row.px_per_marker * (spec.square_m / spec.marker_m)
@@ -498,7 +503,8 @@ def _vacant_below(picture: Markers, columns: dict[int, int], spec: BoardSpec, im
 
 
 def _other_than_chessboard(read: Read, count: int, spec: Chessboard, detect: Detect) -> tuple[str, str] | None:
-    """What a few of the pictures show, in words, and a remedy; a chessboard counts where two show it."""
+    """The kind of board in a few of the pictures, in words, and a remedy; a chessboard counts where two pictures
+    have it."""
     own, seen, pictures = sorted((spec.squares_x, spec.squares_y)), list[tuple[int, ...]](), list[np.ndarray]()
     for index in np.unique(np.linspace(0, count - 1, DetectionSettings.tried).astype(int)).tolist():
         inner = find_whole_chessboard(picture := read(index), thorough=False)
@@ -528,12 +534,12 @@ def _larger(other: Chessboard, spec: Chessboard) -> tuple[str, str]:
 
 
 def _inner(other: Chessboard, spec: Chessboard) -> bool:
-    """Whether the spec has the other board's inner corners in place of its squares."""
+    """Whether the specification gives the number of inner corners in place of that of squares."""
     return sorted((other.squares_x, other.squares_y)) == sorted((spec.squares_x + 1, spec.squares_y + 1))
 
 
 def _other_kind(read: Read, found: Sequence[np.ndarray], spec: Board, detect: Detect) -> tuple[str, str] | None:
-    """The board that the pictures show instead, in words, and a remedy; None if that cannot be determined.
+    """The other board in the pictures, in words, and a remedy; None if that cannot be determined.
 
     Parameters
     ----------
@@ -566,7 +572,7 @@ def _mistaken(what: str, fitting: Board, spec: Board) -> tuple[str, str]:
 
 
 def _in_words(spec: Board) -> str:
-    """The kind of a board; of one without ids, with its counts."""
+    """The kind of a board, with its counts if it has no ids."""
     if isinstance(spec, BoardSpec):
         return "a ChArUco board"
     if isinstance(spec, AprilGrid):
@@ -587,7 +593,7 @@ def _with_ids(pictures: Sequence[np.ndarray], spec: Board, detect: Detect) -> tu
 
 
 def _as_circles(pictures: Sequence[np.ndarray], spec: Board) -> tuple[str, str] | None:
-    """Circles of the other kind, or with columns and rows exchanged."""
+    """A grid of circles of the other kind, or with columns and rows exchanged, that is in the pictures."""
     if not isinstance(spec, CircleGrid):
         return None
     for kind in ("circles", "asymmetric_circles"):
@@ -599,8 +605,8 @@ def _as_circles(pictures: Sequence[np.ndarray], spec: Board) -> tuple[str, str] 
 
 
 def _as_chessboard(pictures: Sequence[np.ndarray], spec: Board, found: bool = False) -> tuple[str, str] | None:
-    """A plain chessboard of another size: the largest that two pictures agree on, or that of a single picture; a larger
-    one where the spec's was found in other pictures."""
+    """A plain chessboard of another size in the pictures: the largest that two pictures agree on, or the one in a
+    single picture; a larger one where the specified board was found in other pictures."""
     sizes = list[list[int]]()
     for thorough in (False, True):
         grids = [find_whole_chessboard(picture, thorough) for picture in pictures]
@@ -620,7 +626,7 @@ def _as_chessboard(pictures: Sequence[np.ndarray], spec: Board, found: bool = Fa
 
 
 def _fitting_board(pictures: Sequence[np.ndarray], pitch_m: float, detect: Detect) -> Board | None:
-    """The board with ids in pictures (H, W) uint8, its lengths by those of squares of the side `pitch_m`."""
+    """The board with ids in pictures (H, W) uint8, scaled to squares of side `pitch_m`."""
     named = BoardSpec(3, 3, pitch_m, float(f"{0.75 * pitch_m:.4g}"))
     for sighting in _sightings(pictures, ("",)):
         for fitting in _fitting(sighting, sighting.grids[0], named):

@@ -1,4 +1,4 @@
-"""Boards without ids, chessboards and grids of circles, found whole; parts of a chessboard: `parts`."""
+"""Detection of complete boards without ids: chessboards and grids of circles. For parts of a chessboard see `parts`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SEARCHES = (cv2.CALIB_CB_EXHAUSTIVE, cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NOR
 
 
 def _grid_readings(spec: Chessboard | CircleGrid) -> np.ndarray:
-    """(K, corner_count) orders in which the marks may be numbered: by quarter turns and mirroring."""
+    """(K, corner_count) possible orders of the points, by quarter turns and mirroring."""
     centred = 2 * spec.lattice - spec.lattice.min(axis=0) - spec.lattice.max(axis=0)
     index = {tuple(place): number for number, place in enumerate(centred.tolist())}
     found = []
@@ -30,7 +30,7 @@ def _grid_readings(spec: Chessboard | CircleGrid) -> np.ndarray:
 
 
 def find_grid(image: np.ndarray, spec: Chessboard | CircleGrid, thorough: bool = True) -> np.ndarray | None:
-    """(corner_count, 2) px of all marks in a picture (H, W) uint8, unrefined; None if not all are found.
+    """(corner_count, 2) px of all points in a picture (H, W) uint8, unrefined; None if not all are found.
 
     Of several possible numberings, the one with its x axis nearest to the picture's. thorough : looks for a chessboard
     longer, which takes seconds where there is none.
@@ -76,7 +76,7 @@ def find_whole_chessboard(image: np.ndarray, thorough: bool = True) -> np.ndarra
 
 
 def _searchable(image: np.ndarray) -> tuple[np.ndarray, float]:
-    """The picture, reduced if it is large, and the scale."""
+    """The picture, reduced if it is large, and the scale factor."""
     scale = min(1.0, float(np.sqrt(DetectionSettings.search_px / max(image.size, 1))))
     shrunk = image if scale == 1.0 else cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     return shrunk, scale
@@ -109,7 +109,7 @@ def _circles(image: np.ndarray, spec: CircleGrid) -> np.ndarray | None:
 
 
 def _rows_of_three(spec: Chessboard | CircleGrid) -> np.ndarray:
-    """(T, 3) numbers of three marks in a row, along the board's ±x and ±y; the last is −1 at the border."""
+    """(T, 3) indices of three points in a row, along the board's ±x and ±y; the last is −1 at the border."""
     index = {tuple(place): number for number, place in enumerate(spec.lattice.tolist())}
     wide = 2 if isinstance(spec, CircleGrid) and spec.type == "asymmetric_circles" else 1
     return np.array(
@@ -123,7 +123,7 @@ def _rows_of_three(spec: Chessboard | CircleGrid) -> np.ndarray:
 
 
 def _goes_on(marks: np.ndarray, spots: np.ndarray, spec: CircleGrid) -> bool:
-    """Whether the grid continues beyond the marks: spots (S, 2) px lie where the next ones would."""
+    """Whether the grid continues beyond its points: detected spots (S, 2) px lie where the next ones would."""
     rows = _rows_of_three(spec)
     before, last = marks[rows[rows[:, 2] < 0, :2].T]
     miss = np.linalg.norm((2.0 * last - before)[:, None] - spots, axis=-1).min(axis=1)
@@ -133,7 +133,7 @@ def _goes_on(marks: np.ndarray, spots: np.ndarray, spec: CircleGrid) -> bool:
 
 
 def _regular(marks: np.ndarray, spec: Chessboard | CircleGrid) -> bool:
-    """Whether marks lie midway between their neighbours, as far as perspective and lens allow."""
+    """Whether points lie midway between their neighbours, within the limits of perspective and distortion."""
     rows = _rows_of_three(spec)
     before, middle, after = marks[rows[rows[:, 2] >= 0].T]
     miss = np.linalg.norm(middle - (before + after) / 2.0, axis=1)
@@ -141,7 +141,7 @@ def _regular(marks: np.ndarray, spec: Chessboard | CircleGrid) -> bool:
 
 
 def _upright(marks: np.ndarray, image: np.ndarray, spec: Chessboard | CircleGrid) -> np.ndarray:
-    """The marks in order: not mirrored, black square first, as upright as possible."""
+    """The points in order: not mirrored, black square first, and as upright as possible."""
     places = spec.lattice - spec.lattice.mean(axis=0)
     readings = [marks[order] for order in _grid_readings(spec)]
     slopes = [np.linalg.lstsq(places, reading - reading.mean(axis=0), rcond=None)[0].T for reading in readings]

@@ -1,4 +1,4 @@
-"""Markers in pictures, and how those of one board lie to one another: measured, whatever their ids are."""
+"""Markers in pictures, and the measured relative positions of those of one board, independent of their ids."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Markers:
     short_px: float = 1.0  # a contour runs half a pixel inside the marker's edge, on either side
 
     def px_per_square(self, marker_per_square: float) -> np.ndarray:
-        """(M, 2, 2) pixels per square along the board's x and y (columns) at each marker, of outlines as they are.
+        """(M, 2, 2) pixels per square along the board's x and y (columns) at each marker, from the outlines.
 
         The least-squares affine map of its four corners.
         """
@@ -56,7 +56,8 @@ class Markers:
 
     @cached_property
     def offsets(self) -> np.ndarray:
-        """(M, M, 2) from each marker's centre to every other's, along the board's x and y in sides of the first."""
+        """(M, M, 2) offsets from each marker's centre to every other's, along the board's x and y, in sides of the
+        first."""
         centres = self.outlines.mean(axis=1)
         return np.einsum("ibp,ijp->ijb", np.linalg.pinv(self.px_per_marker), centres[None] - centres[:, None])
 
@@ -65,14 +66,14 @@ class Markers:
         return replace(self, ids=self.ids[which], outlines=self.outlines[which])
 
     def nearest(self) -> np.ndarray:
-        """(M, 2) sizes of the offsets to each marker's nearest neighbour; none where there is one marker."""
+        """(M, 2) absolute offsets to each marker's nearest neighbour; empty for a single marker."""
         if len(self.ids) < 2:
             return np.zeros((0, 2))
         away = np.linalg.norm(self.offsets, axis=-1) + np.diag(np.full(len(self.ids), np.inf))
         return np.abs(self.offsets[np.arange(len(away)), away.argmin(axis=1)])
 
     def neighbours(self, diagonal: bool, unit: float) -> tuple[np.ndarray, np.ndarray]:
-        """(L, 2) indices of neighbours, each pair once, and the steps (L, 2) between them, as both of them see it.
+        """(L, 2) pairs of neighbours, each once, and the steps (L, 2) between them, on which both markers agree.
 
         unit : sides of a marker in a step along x or y.
         """
@@ -87,8 +88,8 @@ class Markers:
         return pairs, step[pairs[:, 0], pairs[:, 1]]
 
     def at_pitch(self, unit: float) -> np.ndarray:
-        """(M, 4, 2) px outlines so wide and so high that steps along x and y are `unit` sides, as on the board: blur
-        draws the outlines inwards, but leaves their centres."""
+        """(M, 4, 2) px outlines scaled so that steps along x and y are `unit` sides, as on the board: blur shrinks
+        the outlines but leaves their centres."""
         (first, second), steps = self.neighbours(False, unit)[0].T, self.neighbours(False, unit)[1]
         sizes = 0.5 * np.abs(self.offsets[first, second] - self.offsets[second, first])
         along = [sizes[steps[:, axis] != 0, axis] for axis in (0, 1)]
@@ -102,7 +103,7 @@ class Markers:
         return _connected(len(self.ids), pairs)
 
     def one_copy(self, spec: BoardSpec) -> Markers:
-        """The markers of the copy of a board of which most is seen; all of them where there is one."""
+        """The markers of the most visible copy of a board; all of them where there is one."""
         own = self.picked(np.isin(self.ids, spec.marker_ids))
         if len(own.ids) - len(np.unique(own.ids)) < DetectionSettings.clear:  # a single one is read by chance
             return self
@@ -111,8 +112,8 @@ class Markers:
 
 
 def find_markers(picture: np.ndarray, dictionary: str, border: int = 1) -> Markers:
-    """Markers of a dictionary in a picture (H, W) uint8. border : modules of black around a marker's bits; where it is
-    wide, black squares meet at its corners, as in an AprilGrid, and the corners are refined."""
+    """Detect the markers of a dictionary in a picture (H, W) uint8. border : modules of black around a marker's
+    bits; where it is wide, as in an AprilGrid, black squares meet at the corners, and these are refined."""
     options = cv2.aruco.DetectorParameters()
     options.markerBorderBits = border
     options.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX if border > 1 else cv2.aruco.CORNER_REFINE_NONE
@@ -138,7 +139,7 @@ def _connected(count: int, pairs: np.ndarray) -> list[np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class MarkerGrid:
-    """Markers of one board, by the neighbours among them.
+    """Markers of one board, located by their neighbours.
 
     Attributes
     ----------
@@ -156,13 +157,13 @@ class MarkerGrid:
     cells: dict[int, tuple[int, int]]
 
     def against(self, cells: np.ndarray) -> tuple[int, int]:
-        """Votes for and against a layout, by the cells (L, 2, 2) of the pairs in it."""
+        """Numbers of pairs that agree and disagree with a layout, by the cells (L, 2, 2) of the pairs in it."""
         agree = (cells[:, 1] - cells[:, 0] == self.steps).all(axis=-1)
         return int(self.votes[agree].sum()), int(self.votes[~agree].sum())
 
 
 def marker_grids(pictures: Sequence[Markers]) -> list[MarkerGrid]:
-    """The boards in pictures of one camera, that which is seen most first."""
+    """The boards in pictures of one camera, the most visible first."""
     nearest = np.concatenate([np.zeros((0, 2)), *(picture.nearest() for picture in pictures)])
     if not len(nearest):
         return []

@@ -1,8 +1,8 @@
-"""A chessboard that is seen in part: which part it is, by another picture that shows the whole board.
+"""Identification of the visible part of a chessboard, by another picture of the whole board.
 
-What is around the part, the rest of the squares, the board's rim, markers and print next to it, is compared with the
-same places on the other picture's board, for each part that it could be. A sheet of the rim's colour over a part of
-the board passes for the rim.
+The part's surroundings (the rest of the squares, the board's rim, markers and print next to it) are compared with the
+same places on the whole board, for each part that it could be. A sheet of the rim's colour over a part of the board
+passes for the rim.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from .settings import DetectionSettings
 def place_part(
     image: np.ndarray, spec: Chessboard, whole: np.ndarray, corners_px: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Ids (N,) and pixels (N, 2), unrefined, of a part of the board in a picture (H, W) uint8; None where it shows
-    none, or nothing tells which.
+    """Ids (N,) and pixels (N, 2), unrefined, of a part of the board in a picture (H, W) uint8; None without a part,
+    or where it cannot be identified.
 
     whole : a picture (H, W) of the whole board by the same camera. corners_px : (corner_count, 2) in it.
     """
@@ -48,7 +48,7 @@ def _lacks(alike: float, other: float) -> bool:
 
 
 def _trimmed(image: np.ndarray, grid: np.ndarray) -> np.ndarray | None:
-    """Corners (rows, columns, 2) px without the outer rows and columns that hold a false one: about a corner two
+    """Corners (rows, columns, 2) px without outer rows and columns that contain a false one: around a corner two
     squares are black and two white."""
     across, down = (np.gradient(grid, axis=axis) for axis in (1, 0))
     places = [
@@ -73,7 +73,7 @@ def _trimmed(image: np.ndarray, grid: np.ndarray) -> np.ndarray | None:
 
 
 def _board(spec: Chessboard) -> tuple[float, float, int, int]:
-    """The first column and row that are compared, in corners, and how many texels from there across and down."""
+    """First column and row, in corners, of the compared area, and its numbers of texels across and down."""
     beyond, texels = DetectionSettings.part_beyond, DetectionSettings.part_texels
     across, down = (round((count - 2 + 2 * beyond) * texels) for count in (spec.squares_x, spec.squares_y))
     return -beyond, -beyond, across, down
@@ -82,8 +82,8 @@ def _board(spec: Chessboard) -> tuple[float, float, int, int]:
 def _laid_flat(
     image: np.ndarray, grid: np.ndarray, column: float, row: float, across: int, down: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Grey levels (down, across) about a grid of corners (rows, columns, 2) px, from a column and row on in steps of a
-    texel, and which of them the picture shows."""
+    """Rectified grey levels (down, across) around a grid of corners (rows, columns, 2) px, in texels from a column
+    and row on, and the mask of those in the picture."""
     rows, columns = grid.shape[:2]
     lattice = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2).astype(float)
     onto, _ = cv2.findHomography(lattice, grid.reshape(-1, 2), 0)
@@ -105,8 +105,8 @@ def _laid_flat(
 def _readings(
     image: np.ndarray, part: np.ndarray, spec: Chessboard, aim: tuple[np.ndarray, np.ndarray]
 ) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
-    """Every way in which a part fits on the board: the correlation of what is around it, ids (N,) of its corners, and
-    these (rows, columns, 2) px."""
+    """Every placement of a part on the board: the correlation of its surroundings, ids (N,) of its corners, and
+    their pixels (rows, columns, 2)."""
     right, down = part[0, -1] - part[0, 0], part[-1, 0] - part[0, 0]
     upright = part if right[0] * down[1] - right[1] * down[0] > 0 else part[:, ::-1]
     _, _, across_px, down_px = _board(spec)

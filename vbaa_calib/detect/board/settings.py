@@ -1,4 +1,4 @@
-"""What the detection of a board goes by."""
+"""Thresholds of the detection of a board."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class DetectionSettings:
-    """Thresholds: which markers are neighbours, how corners and circles are refined, how good a picture is, and when
-    another spec fits."""
+    """Thresholds: neighbouring markers, refinement of corners and circles, a picture's quality, and the fit of
+    another specification."""
 
     # markers: which are neighbours
     miss: float = 0.4  # steps of the grid, largest distance of a neighbour from its place

@@ -1,4 +1,4 @@
-"""How good a picture of the board is: blur, saturation and contrast across the edges of its squares."""
+"""Quality of a picture of the board: blur, saturation and contrast across the edges of its squares."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class ViewQuality:
 
     @property
     def motion(self) -> float:
-        """The larger blur over the smaller, 1 for a camera at rest; NaN if one is unknown."""
+        """Ratio of the larger blur to the smaller, 1 for a camera at rest; NaN if one is unknown."""
         return float(max(self.blur_px) / min(self.blur_px)) if np.isfinite(self.blur_px).all() else float("nan")
 
     @property
@@ -82,7 +82,7 @@ def measure_quality(
 
 
 def _edges(ids: np.ndarray, cells: np.ndarray, step: tuple[int, int], columns: int, count: int) -> np.ndarray:
-    """(E, 2) indices of corners one step (column, row) apart; at most `most_edges`, evenly chosen."""
+    """(E, 2) indices of corners one step (column, row) apart; at most `most_edges`, evenly spaced."""
     index = np.full(count + columns + 1, -1)
     index[ids] = np.arange(len(ids))
     second = index[ids + step[0] + step[1] * columns]
@@ -99,8 +99,8 @@ def _gap_px(corners_px: np.ndarray, edges: np.ndarray, room: float) -> float:
 
 
 def _across(image: np.ndarray, ends: np.ndarray, gap_px: float, square_px: float) -> ViewQuality:
-    """Quality across edges between corners (E, 2, 2) px of one direction, both its blurs the same: by profiles from the
-    black square to the white one's rim.
+    """Quality across edges between corners (E, 2, 2) px of one direction, from profiles between the middle of the
+    black square and that of the white one.
 
     It is read from the black half, where only the edge is: there a Gaussian edge of height 2a has the squared slopes'
     integral a² / (√π σ).
@@ -155,7 +155,7 @@ def _sampled(image: np.ndarray, points: np.ndarray, normal: np.ndarray, offsets:
 
 
 def fixes_homography(plane_points: np.ndarray) -> bool:
-    """Whether points (N, 2) of a plane determine its homography to a picture: not all but one on a line."""
+    """Whether points (N, 2) of a plane determine its homography to a picture: no line contains all but one of them."""
     if len(plane_points) < 4:
         return False
     centred = plane_points - plane_points.mean(axis=0)

@@ -1,4 +1,4 @@
-"""A colour picture to draw on in camera pixels, enlarged if small, and the legend under it."""
+"""A colour picture to draw on in camera pixels, enlarged if small, with a legend below it."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Canvas:
 
     @staticmethod
     def over(grey: np.ndarray) -> Canvas:
-        """A canvas showing a grey picture (H, W) uint8, enlarged by a whole factor if it is small."""
+        """A canvas with a grey picture (H, W) uint8, enlarged by a whole factor if it is small."""
         width = grey.shape[1]
         scale = (
             DrawingSettings.widest_px / width
@@ -57,7 +57,7 @@ class Canvas:
         return Canvas(cv2.cvtColor(large, cv2.COLOR_GRAY2BGR), scale, unit=float(np.clip(size[0] / 1100.0, 1.0, 1.8)))
 
     def cut(self, grey: np.ndarray, centre_px: np.ndarray, radius_px: float, size: int) -> Canvas:
-        """A square canvas of `size` showing a grey picture (H, W) around a point (2,)."""
+        """A square canvas of `size` with the part of a grey picture (H, W) around a point (2,)."""
         scale = size / (2.0 * radius_px)
         origin = (float(centre_px[0] - radius_px + 0.5), float(centre_px[1] - radius_px + 0.5))
         back = np.array([[1 / scale, 0, origin[0] - 0.5 + 0.5 / scale], [0, 1 / scale, origin[1] - 0.5 + 0.5 / scale]])
@@ -70,13 +70,13 @@ class Canvas:
         return (np.asarray(points_px, float) - self.origin_px + 0.5) * self.scale - 0.5
 
     def line(self, points_px: np.ndarray, colour: Colour, thick: float = 1.0) -> None:
-        """A polyline through the finite ones of points (M, 2)."""
+        """Draw a polyline through the finite ones of points (M, 2)."""
         places = self._places(points_px)
         if len(places) >= 2:
             cv2.polylines(self.image, [places], False, colour, self._thickness(thick), cv2.LINE_AA, _PARTS_BITS)
 
     def dashes(self, points_px: np.ndarray, colour: Colour, thick: float = 1.0, dash: float = 9.0) -> None:
-        """A dashed polyline; dashes and gaps are `dash` canvas pixels long."""
+        """Draw a dashed polyline; dashes and gaps are `dash` canvas pixels long."""
         points = np.asarray(points_px, float)
         points = points[np.isfinite(points).all(axis=1)]
         if len(points) < 2:
@@ -88,7 +88,7 @@ class Canvas:
             self.line(piece, colour, thick)
 
     def graded(self, points_px: np.ndarray, colours: np.ndarray, thick: float = 2.0, gap_px: float = 2.5) -> None:
-        """Points (N, 2) of colours (N, 3), joined where they are at most `gap_px` apart."""
+        """Draw points (N, 2) of colours (N, 3), joined where they are at most `gap_px` apart."""
         places = self._places(points_px, keep=True)
         near = np.hypot(*np.diff(points_px, axis=0).T) <= gap_px if len(points_px) > 1 else np.zeros(0, bool)
         for index, (place, colour) in enumerate(zip(places, colours.tolist(), strict=True)):
@@ -96,13 +96,13 @@ class Canvas:
             cv2.line(self.image, tuple(place), tuple(end), colour, self._thickness(thick), cv2.LINE_AA, _PARTS_BITS)
 
     def ring(self, point_px: np.ndarray, radius: float, colour: Colour, thick: float = 1.5) -> None:
-        """A circle of a radius in canvas pixels."""
+        """Draw a circle of a radius in canvas pixels."""
         turn = np.linspace(0.0, 2.0 * np.pi, 49)
         circle = np.stack([np.cos(turn), np.sin(turn)], axis=1) * radius * self.unit / self.scale
         self.line(np.asarray(point_px) + circle, colour, thick)
 
     def arrow(self, tail_px: np.ndarray, head_px: np.ndarray, colour: Colour, thick: float = 2.0) -> None:
-        """An arrow with a black edge."""
+        """Draw an arrow with a black outline."""
         way = np.asarray(head_px, float) - tail_px
         length = float(np.hypot(*way))
         if not 1e-9 < length < np.inf:
@@ -116,7 +116,7 @@ class Canvas:
             self.line(barbs, ink, thick + more)
 
     def words(self, text: str, at_px: np.ndarray, colour: Colour, offset: tuple[float, float] = (9.0, -9.0)) -> None:
-        """A label with a black edge, `offset` from a point and kept inside the canvas."""
+        """Draw a label with a black outline, `offset` from a point and kept inside the canvas."""
         width, height = _text_size(text, 0.5 * self.unit)
         spot = self.at(np.asarray(at_px)) + np.array(offset) * self.unit - [width if offset[0] < 0 else 0, 0]
         rows, columns = self.image.shape[:2]
@@ -137,7 +137,7 @@ class Canvas:
 
 @cache
 def _font(size_px: int, bold: bool) -> ImageFont.FreeTypeFont:
-    """DejaVu Sans, which comes with Matplotlib: it has the signs that OpenCV's fonts lack."""
+    """DejaVu Sans, which comes with Matplotlib and has characters that OpenCV's fonts lack."""
     home = importlib.util.find_spec("matplotlib")
     assert home is not None
     assert home.origin is not None
@@ -158,7 +158,7 @@ def _text_size(text: str, size: float, bold: bool = False) -> tuple[int, int]:
 def _put(
     image: np.ndarray, text: str, at: tuple[int, int], font: ImageFont.FreeTypeFont, colour: Colour, edge: int = 0
 ) -> None:
-    """Write on an image (H, W, 3), from the lower left corner `at`, with strokes wider by `edge` px to all sides."""
+    """Write text on an image (H, W, 3) from the lower left corner `at`, with an outline `edge` px wide."""
     left, top, right, bottom = (int(side) for side in font.getbbox(text, anchor="ls", stroke_width=edge))
     drawn = Image.new("L", (max(right - left, 0) + 2, max(bottom - top, 0) + 2))
     ImageDraw.Draw(drawn).text((1 - left, 1 - top), text, fill=255, font=font, anchor="ls", stroke_width=edge)
@@ -185,7 +185,7 @@ def _wrapped(text: str, width: float, size: float) -> list[str]:
 
 @dataclass(frozen=True)
 class Key:
-    """One entry of the legend: a sample of the mark, and what it means; `scale` (K, 3) is drawn as a bar."""
+    """An entry of the legend: a sample of the mark, and its meaning; `scale` (K, 3) is drawn as a bar."""
 
     words: str
     colour: Colour = WHITE

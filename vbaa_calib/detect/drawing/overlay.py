@@ -1,4 +1,5 @@
-"""A debug picture of a detection: corridor, centreline with its deviations, hidden parts, clamp and visible end."""
+"""A debug picture of a detection: corridor, centreline with its standard deviations, hidden parts, clamp and visible
+end."""
 
 from __future__ import annotations
 
@@ -93,20 +94,20 @@ def _corridor_sides(where: Corridor) -> tuple[np.ndarray, np.ndarray]:
 
 
 def draw_corridor(canvas: Canvas, where: Corridor) -> None:
-    """Draws the corridor's outline and the predicted free antenna."""
+    """Draw the corridor's outline and the predicted free antenna."""
     left, right = _corridor_sides(where)
     canvas.line(np.concatenate([left, right[::-1], left[:1]]), DrawingSettings.corridor)
     canvas.dashes(where.axis_px, DrawingSettings.free, 1.5)
 
 
 def draw_clamp(canvas: Canvas, where: Corridor) -> None:
-    """Draws the clamp, where the free antenna starts."""
+    """Draw the clamp, where the free antenna starts."""
     canvas.ring(where.axis_px[0], 6.0, WHITE)
     canvas.words("clamp", where.axis_px[0], WHITE, (9.0, 20.0))
 
 
 def draw_centreline(canvas: Canvas, line: Centreline, parts: Sequence[Stretch] = (), *, named: bool = True) -> None:
-    """Draws points coloured by standard deviation, unseen stretches dashed (coloured by cause if `parts` give it), a
+    """Draw points coloured by standard deviation, unseen stretches dashed (coloured by cause if `parts` has one), a
     second line, and the visible end."""
     if len(line.other_line_px):
         canvas.line(line.other_line_px, DrawingSettings.other_line, 2.0)
@@ -126,7 +127,7 @@ def draw_centreline(canvas: Canvas, line: Centreline, parts: Sequence[Stretch] =
 
 
 def sigma_colours(sigma_px: np.ndarray) -> np.ndarray:
-    """(N, 3) uint8 colours of deviations (N,) px: cyan is sure, magenta is not."""
+    """(N, 3) uint8 colours of standard deviations (N,) px: cyan is exact, magenta is uncertain."""
     low, high = np.log(DrawingSettings.sigma_range_px)
     share = (np.log(np.maximum(np.nan_to_num(sigma_px, nan=np.inf), 1e-6)) - low) / (high - low)
     share = np.clip(share, 0.0, 1.0)[:, None]

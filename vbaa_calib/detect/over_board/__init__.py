@@ -1,1 +1,1 @@
-"""The antenna in front of a board."""
+"""Detection of the antenna in front of a board."""

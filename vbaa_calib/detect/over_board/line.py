@@ -1,7 +1,7 @@
 """The antenna in front of a printed board: centreline and ends, measured where the antenna differs from the print.
 
-Over squares of its own brightness the antenna is invisible and gets no points. The bare board is predicted from the
-picture itself, and profiles across the line are compared with it.
+In front of squares of its own brightness the antenna is invisible and gets no points. The bare board is predicted from
+the picture itself, and profiles across the line are compared with it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from vbaa_calib.geometry import Pose
 
 @dataclass(frozen=True)
 class _OverBoardSettings:
-    """How the antenna is distinguished from the board behind it, and its line and ends are measured."""
+    """Thresholds that distinguish the antenna from the board behind it, and of the measurement of its line and ends."""
 
     texels: int = 192  # of a square: a marker's bit begins within 1/400 of a square of its place
     subpixels: int = 3  # of a pixel, each way, over which the print is averaged
@@ -76,7 +76,7 @@ class _OverBoardSettings:
 
 @dataclass(frozen=True, eq=False)
 class _BoardPicture:
-    """A picture in units of the print, 0 black and 1 white, whatever the light. Arrays (H, W) float32.
+    """A picture normalised to the print, 0 black and 1 white, independent of the light. Arrays (H, W) float32.
 
     pattern : the bare board, blurred like the picture; NaN off the board. slope : of the pattern, 1/px.
     noise : std of `seen - pattern`: grain, and at edges their uncertainty. blur_px : std of the blur.
@@ -90,7 +90,7 @@ class _BoardPicture:
 
 
 def _board_picture(image: np.ndarray, camera: Camera, T_camera_board: Pose, spec: BoardWithIds) -> _BoardPicture | None:
-    """Compare an (H, W) picture with the board that it shows at a known pose; None where no contrast is left of it."""
+    """Compare an (H, W) picture with its board at a known pose; None where the board has no contrast."""
     grey = np.asarray(image, np.float32)
     sharp, inside = _warped(camera, T_camera_board, spec)
     if not inside.any():
@@ -123,7 +123,7 @@ def _board_picture(image: np.ndarray, camera: Camera, T_camera_board: Pose, spec
 
 
 def _pattern_texture(spec: BoardWithIds, texels: int = _OverBoardSettings.texels) -> np.ndarray:
-    """The print, (H, W) float32, 1 white and 0 black, with about so many texels to a square or a tag."""
+    """The print, (H, W) float32, 1 white and 0 black, with about `texels` texels to a square or a tag."""
     if isinstance(spec, AprilGrid):
         return (spec.drawing(texels - texels % spec.modules) > 0).astype(np.float32)
     board = opencv_board(spec)
@@ -205,7 +205,7 @@ def _noise(seen: np.ndarray, pattern: np.ndarray, slope: np.ndarray, inside: np.
 
 @dataclass(frozen=True, eq=False)
 class _Profiles:
-    """Raw pixels along N columns (or rows) that a guide crosses, T of each, in units of the board's print.
+    """Raw pixels of N columns (or rows) that a guide crosses, T of each, normalised to the board's print.
 
     crossing_px : (N, 2) where the guide crosses the middle of each column.
     axis : the pixel coordinate along the profiles: 1 (v) where the guide runs sideways, 0 (u) where upward.
@@ -227,7 +227,7 @@ class _Profiles:
 
 @dataclass(frozen=True)
 class _LinePaint:
-    """Appearance of the line: brightness in units of the print, cover of a pixel at its middle, Gaussian width."""
+    """Appearance of the line: brightness relative to the print, coverage of a pixel at its middle, Gaussian width."""
 
     brightness: float
     cover: float
@@ -236,7 +236,7 @@ class _LinePaint:
 
 @dataclass(frozen=True, eq=False)
 class _FittedLines:
-    """Lines fitted to N profiles: centre from the guide, px; cover over the expected; rms over noise. All (N,)."""
+    """Lines fitted to N profiles: offset from the guide, px; coverage over the expected; rms over noise. All (N,)."""
 
     centre: np.ndarray
     centre_std: np.ndarray
@@ -302,7 +302,8 @@ def _fit(
     steps: int = _OverBoardSettings.steps,
     wary: bool = False,
 ) -> _FittedLines:
-    """Weighted Gauss–Newton for the line's centre and cover, with the light's level and slope, all profiles at once.
+    """Weighted Gauss–Newton for the line's centre and coverage, with level and slope of the light, for all profiles
+    at once.
 
     At each pixel the line adds its cover times (its brightness − what is behind).
 
@@ -342,7 +343,7 @@ def _fit(
 
 
 def _rough_centres(cut: _Profiles, paint: _LinePaint) -> np.ndarray:
-    """(N,) where along each profile the line fits best, to half a pixel, within a few pixels of the guide."""
+    """(N,) best-fitting place of the line along each profile, to half a pixel, within a few pixels of the guide."""
     candidates = np.arange(-_OverBoardSettings.capture_px, _OverBoardSettings.capture_px + 0.1, 0.5)
     tried = [_fit(cut, paint, place, steps=0) for place in candidates]
     gain = [np.where(one.amplitude > 0, one.amplitude / np.maximum(one.amplitude_std, 1e-9), 0.0) for one in tried]
@@ -350,7 +351,7 @@ def _rough_centres(cut: _Profiles, paint: _LinePaint) -> np.ndarray:
 
 
 def _fit_paint(cut: _Profiles, paint: _LinePaint) -> _LinePaint:
-    """The brightness and cover of the line on the guide from all profiles together; then its width."""
+    """Brightness and coverage of the line on the guide, from all profiles together; then its width."""
     usable = np.isfinite(cut.noise)
     behind = np.where(usable, np.nan_to_num(cut.behind), 0.0)
     shape = np.exp(-0.5 * (cut.across / (paint.scale_px * cut.stretch[:, None])) ** 2)
@@ -376,7 +377,7 @@ def _fit_paint(cut: _Profiles, paint: _LinePaint) -> _LinePaint:
 
 
 def _darkest_band(cut: _Profiles, core_px: float) -> float:
-    """Part by which the darkest band next to a line dims white print, in units of the print: median of a few stretches.
+    """Fraction by which the darkest band next to a line dims white print: the median over a few stretches.
 
     core_px : how far the line itself reaches to either side.
     """
@@ -462,7 +463,7 @@ class _PlanePath:
 
 
 def _search(picture: _BoardPicture, plane: PlaneAbove, width_px: float, bright: bool) -> _PlanePath | None:
-    """The path of a bright or dark antenna, on the board alone, where the background is known; or None."""
+    """The path of a bright or dark antenna, within the board, where the background is known; None without one."""
     pixels, strength = _candidates(picture, width_px, bright)
     points, valid = plane.to_plane(pixels)
     points, strength = points[valid], strength[valid]
@@ -528,7 +529,7 @@ def _strongest_line(points: np.ndarray, strength: np.ndarray, width: float) -> _
 
 @dataclass(frozen=True, eq=False)
 class LineEnd:
-    """Where the line ends in the picture: pixel (2,) and its standard deviation along the line."""
+    """An end of the line in the picture: pixel (2,) and its standard deviation along the line."""
 
     point_px: np.ndarray
     std_px: float
@@ -536,7 +537,7 @@ class LineEnd:
 
 @dataclass(frozen=True, eq=False)
 class BoardLine:
-    """The antenna over a board.
+    """The antenna's line over a board.
 
     points_px : (N, 2) points of the centreline in their order along it.
     sigma_px : (N,) standard deviation across it.
@@ -554,7 +555,7 @@ class BoardLine:
     shadow: float
 
     def reversed(self) -> BoardLine:
-        """The same line, from its other end."""
+        """The line in the opposite order."""
         return replace(self, points_px=self.points_px[::-1], sigma_px=self.sigma_px[::-1], ends=self.ends[::-1])
 
     def distance_px(self, pixels: np.ndarray) -> np.ndarray:
@@ -585,7 +586,7 @@ def find_over_board(
 
 @dataclass(frozen=True, eq=False)
 class _Tracker:
-    """Measures one line, bright or dark, from the rough path to its ends."""
+    """Measures one bright or dark line, from the rough path to its ends."""
 
     picture: _BoardPicture
     plane: PlaneAbove
@@ -594,7 +595,7 @@ class _Tracker:
 
     @property
     def _core_px(self) -> float:
-        """How far the line reaches to either side, blur and all."""
+        """Half width of the line in the picture, blur included."""
         return 0.5 * self.width_px + 2.0 * self.picture.blur_px + 0.5
 
     def measured(self) -> tuple[float, BoardLine] | None:
@@ -647,7 +648,7 @@ class _Tracker:
     def _along(
         self, path: _PlanePath, paint: _LinePaint, beyond: float = 0.0, *, rough: bool = False, wary: bool = False
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Points (N, 2) px that were measured along a path, and their standard deviations (N,) across it."""
+        """Measured points (N, 2) px along a path, and their standard deviations (N,) across it."""
         cut = self._cut(path, beyond)
         fitted = _fit(cut, paint, _rough_centres(cut, paint) if rough else 0.0, wary=wary)
         wider = np.maximum(fitted.chi, 1.0)
@@ -673,7 +674,7 @@ class _Tracker:
         return fresh
 
     def _end(self, path: _PlanePath, paint: _LinePaint, way: int) -> LineEnd | None:
-        """Where the line ends beyond the path's start (−1) or end (+1)."""
+        """The line's end beyond the path's start (−1) or end (+1)."""
         cut = self._cut(path, _OverBoardSettings.growth)
         # how much of the line is on the guide itself: about 1 where it is, 0 where not
         there = _fit(cut, paint, steps=0)

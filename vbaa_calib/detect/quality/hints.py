@@ -1,4 +1,4 @@
-"""What is wrong with a picture of the board, while it can be taken again."""
+"""Faults of a picture of the board, reported while it can be taken again."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _OUTLINE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])  # a unit square, around
 
 @dataclass(frozen=True, eq=False)
 class _BoardMap:
-    """The board's homography (3, 3), without distortion: squares along x and y from the outline's corner, to px.
+    """The board's homography (3, 3), without distortion, from squares along x and y from the outline's corner to px.
 
     Of an AprilGrid a square is a tag with half of the gap around it.
     """
@@ -56,7 +56,7 @@ def _counts(spec: BoardWithIds) -> tuple[int, int]:
 
 
 def _board_map(view: BoardView, spec: BoardWithIds) -> _BoardMap | None:
-    """The map from the corners, else, of a ChArUco board, from three or more markers; None if neither suffice, or
+    """The map from the corners or, for a ChArUco board, from three or more markers; None if neither suffice, or if
     distortion exceeds a third of a square."""
     columns, seen = spec.corner_columns, view.corners_px
     if isinstance(spec, AprilGrid):
@@ -93,7 +93,7 @@ that of the brighter rims of white squares."""
 
 
 def _levels(image: np.ndarray, where: _BoardMap) -> _Levels | None:
-    """Grey levels on the board in a picture (H, W) uint8; None where no whole square of either colour is in it."""
+    """Grey levels of the board in a picture (H, W) uint8; None where it has no whole square of either colour."""
     columns, rows = where.squares
     texels = QualitySettings.texels
     # of a black square, and of a marker with some of its black border
@@ -151,7 +151,7 @@ def picture_hints(image: np.ndarray, view: BoardView, spec: BoardWithIds) -> lis
 
 
 def wrong_board(image: np.ndarray, view: BoardView, spec: BoardWithIds) -> Diagnosis | None:
-    """Whether the picture (H, W) shows another board, or is mirrored; None if undetermined. Takes up to seconds."""
+    """Diagnosis of a picture (H, W) of another board, or a mirrored one; None if undetermined. Takes up to seconds."""
     markers = [Markers(view.marker_ids, view.marker_corners_px)]
 
     def detect(picture: np.ndarray, other: Board) -> tuple[np.ndarray, np.ndarray]:
@@ -166,7 +166,7 @@ def wrong_board(image: np.ndarray, view: BoardView, spec: BoardWithIds) -> Diagn
 
 
 def _missing(image: np.ndarray, view: BoardView) -> list[Diagnosis]:
-    """Why the board is missing or incomplete, by the light and the edges of the whole picture."""
+    """The reason why the board is missing or incomplete, by the light and the edges of the whole picture."""
     low, high = np.percentile(image[::4, ::4], (5.0, 95.0)) if image.size else (0.0, 0.0)
     if view.marker_count:
         seen = f"{view.marker_count} marker{'s are' if view.marker_count > 1 else ' is'} seen"
@@ -215,7 +215,7 @@ def _blur(image: np.ndarray, view: BoardView, spec: BoardWithIds) -> list[Diagno
 
 
 def _direction(angle_rad: float) -> str:
-    """A direction in words; angles in the picture grow downwards."""
+    """A direction in words, for an angle in the picture (clockwise)."""
     names = ("sideways", "along the diagonal \\", "up or down", "along the diagonal /")
     return names[round(angle_rad / (np.pi / 4.0)) % 4]
 
@@ -258,7 +258,7 @@ def _blemish(where: _BoardMap, seen: _Levels) -> list[Diagnosis]:
 
 
 def _place(where: _BoardMap, centre: np.ndarray) -> str:
-    """Where on the board as it stands in the picture: "in the upper left"."""
+    """A place on the board as it appears in the picture: "in the upper left"."""
     outline, point = where.outline_px, where.pixels(centre)[0]
     low, high = outline.min(axis=0), outline.max(axis=0)
     u, v = (3.0 * (point - low) / np.maximum(high - low, 1e-9)).astype(int).clip(0, 2)
@@ -280,7 +280,7 @@ def _size(view: BoardView, where: _BoardMap) -> list[Diagnosis]:
 
 
 def _edge(view: BoardView, where: _BoardMap) -> list[Diagnosis]:
-    """Diagnosis of a board that crosses the picture's border with less than half of its corners seen."""
+    """Diagnosis of a board that crosses the picture's border, with fewer than half of its corners in view."""
     low, high = where.outline_px.min(axis=0), where.outline_px.max(axis=0) - view.image_size
     beyond = np.array([-low[0], high[0], -low[1], high[1]])
     count, seen = where.spec.corner_count, len(view.ids)
@@ -358,7 +358,7 @@ def _axes(view: BoardView, corners_m: np.ndarray) -> np.ndarray:
 
 
 def _correlation(image: np.ndarray, view: BoardView, spec: BoardWithIds, contrast: float) -> float:
-    """Of the blur along the board's x with that along its y."""
+    """Correlation of the blurs along the board's x and y."""
     columns = spec.corner_columns
     # whether the square before the corner, left and above, is black
     after_black = ((view.ids % columns + view.ids // columns) % 2 == 0) == spec.starts_with_marker

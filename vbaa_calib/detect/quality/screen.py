@@ -1,4 +1,4 @@
-"""Which views of the board are good enough to calibrate from, and why the others are not."""
+"""Selection of the views that are good enough to calibrate from, with the reasons for the others."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def screen_views(
 
 
 def corner_std_px(view: BoardView) -> float:
-    """Standard deviation of the view's median corner, px (of its distance from the truth); NaN where unknown."""
+    """Standard deviation, px, of the view's median corner (of its distance from the true one); NaN where unknown."""
     if view.covariance_px2 is None or not len(view.covariance_px2):
         return float("nan")
     return float(np.sqrt(np.median(np.trace(view.covariance_px2, axis1=1, axis2=2))))

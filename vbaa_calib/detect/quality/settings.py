@@ -1,4 +1,4 @@
-"""From when on a picture of the board is not good enough, and which faults of it are named."""
+"""Thresholds of a picture's quality, and of the faults that are named."""
 
 from __future__ import annotations
 
