@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import pickle
 import subprocess
 import sys
 from dataclasses import replace
@@ -18,7 +17,6 @@ import vbaa
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session import read_recording
 
-from .estimator.contact_scenes import RIG, frame
 from .small_scene import small_rig
 
 ROOT = Path(__file__).parents[1]
@@ -111,28 +109,3 @@ def seen(rig: vbaa.Rig, **what: Any) -> Any:
 def test_what_is_wrong_is_refused_at_once(name: str) -> None:
     with pytest.raises(vbaa.InputError):
         WRONG[name](vbaa.Rig.load(small_rig() / "rig.json"))
-
-
-FIRST = """
-import pickle, sys
-from pathlib import Path
-from vbaa import ContactEstimator
-
-heavy = set("torch kornia matplotlib pyarrow vtk pyvista scipy numba imagesize PIL pydantic rich starlette".split())
-assert not heavy & set(sys.modules), heavy & set(sys.modules)
-rig, points, xy, readings = pickle.loads(Path(sys.argv[1]).read_bytes())
-for line in ({"centreline_px": points}, {"plane_xy_m": xy}):
-    assert ContactEstimator(rig).estimate(**line, **readings).status == "ok"
-assert not heavy & set(sys.modules), heavy & set(sys.modules)
-"""
-
-
-def test_the_estimator_loads_little(tmp_path: Path) -> None:
-    """Neither its import nor the first contact of a process waits for what only others need."""
-    seen = frame()
-    readings = {"moment": seen.moment_Nm, "pan": 0.0, "tilt": seen.tilt_rad}
-    given = (RIG, seen.points_px, RIG.camera_on_plane()(seen.points_px)[0], readings)
-    (tmp_path / "frame").write_bytes(pickle.dumps(given))
-    command = [sys.executable, "-c", FIRST, str(tmp_path / "frame")]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
-    assert done.returncode == 0, done.stderr

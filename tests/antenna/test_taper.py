@@ -11,7 +11,6 @@ from scipy.integrate import solve_bvp
 from vbaa_calib.antenna.rod import Rod, sample_shape, solve_rod
 from vbaa_calib.antenna.shape import bend
 from vbaa_calib.antenna.taper import Taper
-from vbaa_calib.core.errors import InputError
 
 LENGTH, EI, DENSITY = 0.24, 3.88e-3, 3.97e-3
 GRAVITY = np.array([1.0, -3.0, -9.0])
@@ -113,22 +112,6 @@ def test_shapes_are_those_of_the_boundary_value_problem(
     bent = sample_shape(shape, curves.arclength_m)[0]
     assert np.abs(bent - curves.points_m).max() < 5e-6 * LENGTH  # between its nodes, next to the step
     assert -shape.clamp_moment_Nm[0, 1] == pytest.approx(curves.moment_Nm[0], rel=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("rows", "said"),
-    [
-        ([[0.0, 8e-4], [LENGTH, 0.0]], "ends in a point"),
-        ([[0.0, 8e-4], [LENGTH, 2e-5]], "20 to 1"),
-        ([[0.0, 8e-4], [0.1, 6e-4]], "runs from 0 to 0.1 m"),
-        ([[0.0, 8e-4], [0.1, 6e-4], [0.05, 6e-4], [LENGTH, 5e-4]], "do not grow"),
-        ([[0.0, 8e-4]], "rows of two numbers"),
-    ],
-)
-def test_what_is_no_profile_is_refused_with_what_helps(rows: list[list[float]], said: str) -> None:
-    with pytest.raises(InputError, match=said) as raised:
-        Taper.of(rows, None, LENGTH)
-    assert raised.value.remedy
 
 
 def test_a_uniform_antenna_is_the_special_case() -> None:

@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch.autograd import gradcheck, gradgradcheck
 
-from vbaa_calib.camera.lens import Intrinsics, ray_derivatives
+from vbaa_calib.camera.lens import Intrinsics
 from vbaa_calib.camera.tensors import _chart_to_pixel, _pixel_to_chart, _to_chart, pixel_to_ray
 
 from .lenses import LENSES
@@ -98,16 +98,3 @@ def test_a_batch_of_lenses():
     assert gradcheck(
         lambda c: pixel_to_ray(Intrinsics(model, 900.0, 900.0, 320.0, 240.0, c), pixels)[0], (coefficients,), atol=1e-6
     )
-
-
-@pytest.mark.parametrize("name", sorted(LENSES))
-def test_closed_form_derivatives_are_autograd(name):
-    camera, (pixels, K, c) = differentiable(name, count=3)
-    by_pixel, by_K, by_c = torch.autograd.functional.jacobian(rays_of(camera), (pixels, K, c), vectorize=False)
-    _, ray_by_pixel, ray_by_parameter, _ = ray_derivatives(camera.intrinsics, pixels.detach().numpy())
-    expected = torch.stack([by_pixel[i, :, i] for i in range(3)])
-    by_parameter = torch.cat(
-        [torch.stack([by_K[..., 0, 0], by_K[..., 1, 1], by_K[..., 0, 2], by_K[..., 1, 2]], -1), by_c], -1
-    )
-    np.testing.assert_allclose(ray_by_pixel, expected, rtol=1e-8, atol=1e-13)
-    np.testing.assert_allclose(ray_by_parameter, by_parameter, rtol=1e-8, atol=1e-12)

@@ -177,23 +177,3 @@ def test_a_camera_without_a_picture_drops_out_of_the_frame(made: Path, tmp_path:
     assert "right: there is no picture" in row["reason"]
     _edited(table, lambda lines: [*lines[:3], lines[3].replace("left/frame_0002.png", ""), *lines[4:]])
     assert main(call) == 2
-
-
-@pytest.mark.parametrize(
-    ("cameras", "words"),
-    [
-        ({}, "names no cameras"),
-        ({"left": {}, "middle": {}}, "no camera middle"),
-        ({"left of it": {}}, "cameras"),
-    ],
-)
-def test_a_session_of_other_cameras_is_refused(
-    made: Path, tmp_path: Path, cameras: dict, words: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    session = _copied(made, tmp_path)
-    data = read_yaml(session / "session.yaml") | {"cameras": cameras}
-    (session / "session.yaml").write_text(yaml.safe_dump({k: v for k, v in data.items() if v != {}}))
-    out = tmp_path / "contacts.csv"
-    assert main(["estimate", str(session), "--rig", str(made / "rig.json"), "-o", str(out), "--no-report"]) == 2
-    assert words in capsys.readouterr().err
-    assert not out.exists()

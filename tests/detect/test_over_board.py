@@ -11,9 +11,6 @@ from scipy.spatial import cKDTree
 
 from vbaa_calib.detect.over_board.line import BoardLine, LineEnd, PlaneAbove, find_over_board
 from vbaa_calib.detect.over_board.line import _board_picture as board_picture
-from vbaa_calib.detect.over_board.line import _fit as fit
-from vbaa_calib.detect.over_board.line import _LinePaint as LinePaint
-from vbaa_calib.detect.over_board.line import _Profiles as Profiles
 
 from ..over_scenes import View, shown
 
@@ -47,23 +44,6 @@ def test_the_bare_board_is_predicted_to_its_noise() -> None:
     ratio = ((picture.seen - picture.pattern) / picture.noise)[inside]
     assert np.sqrt((ratio**2).mean()) == pytest.approx(1.0, abs=0.25)
     assert np.abs((picture.seen - picture.pattern)[inside]).mean() < 0.03
-
-
-@pytest.mark.parametrize("brightness", [1.0, 0.0, 0.4])
-def test_the_profile_fit_is_unbiased_before_a_pattern(brightness: float) -> None:
-    rng, paint = np.random.default_rng(3), LinePaint(brightness, 0.7, 1.1)
-    count, across = 400, np.tile(np.arange(-10.0, 11.0), (400, 1))
-    centre = rng.uniform(-0.5, 0.5, count)
-    behind = np.where(np.abs(across) > 5, 0.5, 1.0 if brightness < 0.2 else 0.0)
-    line = np.exp(-0.5 * ((across - centre[:, None]) / 1.1) ** 2)
-    seen = behind + 0.7 * line * (brightness - behind) + 0.02 * rng.normal(size=behind.shape)
-    noise = np.full_like(behind, 0.02)
-    cut = Profiles(np.zeros((count, 2)), 1, np.ones(count), across, seen, behind, np.zeros_like(behind), noise)
-    fitted = fit(cut, paint)
-    pull = (fitted.centre - centre) / fitted.centre_std
-    assert abs(pull.mean()) < 0.2
-    assert pull.std() == pytest.approx(1.0, abs=0.12)
-    assert fitted.amplitude.mean() == pytest.approx(1.0, abs=0.02)
 
 
 @pytest.mark.parametrize(

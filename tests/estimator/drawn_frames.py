@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -13,7 +11,6 @@ from vbaa_calib.antenna.shape import Curves, bend
 from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import RIG_PARAMETERS, Antenna, AntennaImage, MomentSensor, Rig
-from vbaa_calib.session import Frame
 
 LENGTH_M, DIAMETER_M = 0.24, 0.001
 FINE = 4
@@ -74,13 +71,6 @@ def picture(
             low, high = piece.min(axis=0) - np.array([0, 30]), piece.max(axis=0) + np.array([0, 60])
             cv2.rectangle(image, np.rint(low).astype(int).tolist(), np.rint(high).astype(int).tolist(), 95.0, -1)
     return np.clip(image + rng.normal(0.0, noise, image.shape), 0, 255).astype(np.uint8)
-
-
-def frame_of(folder: Path, image: np.ndarray, moment_Nm: float, number: int = 7) -> Frame:
-    """The frame of a picture (H, W[, 3]), written as a PNG."""
-    path = folder / f"picture_{number}.png"
-    assert cv2.imwrite(str(path), image)
-    return Frame(image=path, pan_rad=0.0, tilt_rad=0.0, moment_Nm=moment_Nm, frame=number, time_s=0.7)
 
 
 def contact_of(status: str, curves: Curves) -> Contact:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,14 +12,10 @@ from benchmarks.estimator.scenes import Scenes, elastica_shapes, push_for_slope,
 from benchmarks.estimator.setup import Setup
 from estimator import ContactEstimator
 from estimator.contact.contacts import Contacts
-from estimator.contact.recording import estimate_pictures
-from estimator.table.contacts import STATUSES, Measured
-from vbaa_calib.core.arrays import PLAUSIBLE
+from estimator.table.contacts import Measured
 from vbaa_calib.session import Frame, MomentSensor
 
-from ..fuzz.test_memory import taken
 from ..rod_scenes import LENGTH_M, RIG_STD, SIGMA_PX, World, camera_pose, frames, pushing
-from .drawn_frames import frame_of, picture, rig_of, shape
 
 
 def planar(sigma_px: float, count: int = 120) -> Scenes:
@@ -142,7 +137,6 @@ def test_uncertain_joint_angles_are_in_the_world_points_deviations() -> None:
     np.testing.assert_allclose(found.distance_std_m[ok], true.distance_std_m[ok], rtol=0.02)
 
 
-SIZE_PX = (320, 240)
 linux = pytest.mark.skipif(sys.platform != "linux", reason="Linux alone reports the peak of memory")
 
 
@@ -151,25 +145,3 @@ def replaced(frame: Frame, number: int, moment_Nm: float, joints: np.ndarray) ->
     return replace(
         frame, frame=number, time_s=float(number), moment_Nm=moment_Nm, pan_rad=joints[0], tilt_rad=joints[1]
     )
-
-
-@linux
-@pytest.mark.parametrize("bright", [True, None])
-def test_no_reading_and_no_joint_angle_costs_memory(tmp_path: Path, bright: bool | None) -> None:
-    """Moments of any size and sign, and any joint angles, within what is accepted at all."""
-    rig, rng = rig_of(SIZE_PX), np.random.default_rng(5)
-    rig = replace(rig, image=replace(rig.image, bright=bright))
-    estimator = ContactEstimator(rig)
-    bent = shape(rig)
-    first = frame_of(tmp_path, picture(rig, bent), float(bent.moment_Nm[0]))
-    factors = [100.0, -100.0, 1e3, 1e4, *rng.choice([-1, 1], 6) * 10 ** rng.uniform(0.5, 4, 6)]
-    moments = first.moment_Nm * np.array(factors)
-    moments = np.clip(moments, -PLAUSIBLE.moment_Nm, PLAUSIBLE.moment_Nm)
-    sound = list(estimate_pictures(estimator, [first]))
-    assert sound[0].contact.status == "ok"
-    several = [replaced(first, n + 1, moment, rng.uniform(-3, 3, 2) * (n % 2)) for n, moment in enumerate(moments)]
-    found: list[str] = []
-    most = taken(lambda: found.extend(each.contact.status for each in estimate_pictures(estimator, several)))
-    assert most < 3e7
-    assert set(found) <= set(STATUSES)
-    assert "ok" not in found[:4], "nothing is located by a moment that cannot be"

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from benchmarks.estimator.scenes import Scenes
-from estimator import ContactEstimator, Measured
+from estimator import ContactEstimator
 from estimator.contact.contacts import Contacts
 from estimator.contact.inputs import Batch, FrameOptions
 from estimator.solver.rig_arrays import RigArrays
@@ -78,45 +78,6 @@ def test_points_on_the_plane_give_the_contact_of_their_pixels(pose: str, model: 
     # without covariance the pixels' own
     plain = estimator.estimate_batch(scenes.points_px, **joints)
     the_same(estimator.estimate_batch(plane_xy_m=xy, **joints), plain)
-
-
-@pytest.mark.parametrize("pose", ["inclined by 60°", "fisheye"])
-def test_one_frame_and_a_stream(pose: str) -> None:
-    """Also shuffled, with points that are missing, and with those outside the picture."""
-    rig, scenes = seen(pose)
-    layer = rig.camera_on_plane()
-    rng = np.random.default_rng(0)
-    lines, plane = [], []
-    for points in scenes.points_px:
-        line = np.concatenate([points, [[-200.0, 300.0], [300.0, 850.0]]])[rng.permutation(len(points) + 2)]
-        line[::17] = np.nan
-        lines.append(line)
-        plane.append((layer(line)[0], layer.covariance(line, 0.1)))
-    readings = list(zip(scenes.moment_Nm, scenes.pan_rad, scenes.tilt_rad, strict=True))
-    estimator = ContactEstimator(rig)
-
-    def recorded(metric: bool) -> Any:
-        for line, (xy, spread), (moment, pan, tilt) in zip(lines, plane, readings, strict=True):
-            own = {"moment_Nm": moment, "pan_rad": pan, "tilt_rad": tilt}
-            yield (
-                Measured.on_plane(rig, xy, spread, **own) if metric else Measured(line, np.full(len(line), 0.1), **own)
-            )
-
-    streamed = zip(estimator.run(recorded(True)), estimator.run(recorded(False)), strict=True)
-    alone = (
-        (
-            estimator.estimate(plane_xy_m=xy, covariance_m2=spread, moment=moment, pan=pan, tilt=tilt),
-            estimator.estimate(line, sigma_px=0.1, moment=moment, pan=pan, tilt=tilt),
-        )
-        for line, (xy, spread), (moment, pan, tilt) in zip(lines, plane, readings, strict=True)
-    )
-    for found, stated in (*streamed, *alone):
-        assert (found.status, found.outside_points) == (stated.status, stated.outside_points)
-        assert stated.outside_points > 0
-        if np.isfinite(stated.distance_m):
-            assert abs(found.distance_m - stated.distance_m) < 1e-6 * stated.distance_std_m
-            assert (np.abs(found.force_N - stated.force_N)[1:] < 1e-6 * stated.force_std_N[1:]).all()
-            assert found.distance_std_m == pytest.approx(stated.distance_std_m, rel=1e-6)
 
 
 def test_a_covariance_of_any_shape_reaches_the_fit() -> None:

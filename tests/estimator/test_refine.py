@@ -15,8 +15,6 @@ from benchmarks.object.scenes import AXIS, CASES, CENTRE, RIGID, SETUP, Recorded
 from benchmarks.recording.recording import CELLS, PIN_M, PIN_STD_M, bound_m, lengthened, measured, played, run
 from estimator.recording import Refined, refine
 from estimator.table.contacts import ContactTable, Measured
-from estimator.table.files import read_contacts, write_contacts
-from vbaa_calib.cli.main import main
 from vbaa_calib.session import KnownObject
 from vbaa_calib.simulate.scene.objects import TouchObject
 
@@ -214,16 +212,3 @@ def written(recorded: Recorded, lines: list[Measured], folder: Path) -> tuple[Pa
     (session / "recording" / "recording.csv").write_text("\n".join(rows) + "\n")
     (session / "recording" / "centrelines.csv").write_text("\n".join(points) + "\n")
     return folder / "rig.json", session
-
-
-def test_the_command_takes_two_cameras(tmp_path: Path) -> None:
-    both, table, lines = seen(0)
-    places = [written(one, seen_by, tmp_path / name) for one, seen_by, name in zip(both, lines, "ab", strict=True)]
-    (rig, session), (other_rig, other_session) = places
-    write_contacts(tmp_path / "contacts.csv", table.rows())
-    call = f"refine {tmp_path}/contacts.csv --rig {rig} --session {session} -o {tmp_path}/refined.csv --view"
-    assert main([*call.split(), str(other_rig), str(other_session)]) == 0
-    found, expected = read_contacts(tmp_path / "refined.csv"), together(0).contacts
-    rows = together(0).refined
-    off = np.abs(found.distance_m - expected.distance_m)[rows] / expected.distance_std_m[rows]
-    assert off.max() < 0.05

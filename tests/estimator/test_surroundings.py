@@ -91,15 +91,3 @@ def test_an_antenna_at_rest_and_a_scene_that_moves_are_left_as_they_are(change: 
     empty, why = background_of(images, finder(), True)
     assert empty is None
     assert ("hardly moves" in why) == ("still" in change)
-
-
-@pytest.mark.parametrize("shift", [(0.0, 0.0), (0.3, -0.2), (1.4, 0.9), (-2.0, 1.5)])
-@pytest.mark.parametrize("gain", [0.8, 1.2])
-def test_a_background_is_moved_and_scaled_onto_a_picture(shift: tuple[float, float], gain: float) -> None:
-    rng = np.random.default_rng(5)
-    light = scene(rng)
-    move = np.array([[1.0, 0.0, shift[0]], [0.0, 1.0, shift[1]]])
-    moved = gain * cv2.warpAffine(light, move, SIZE[::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
-    share = tube(bent(CLAMP, 0.0, 20.0), WIDTH_PX, 1.0)
-    behind = Background(light.astype(np.float32)).behind(exposed(moved * (1.0 - share) + ANTENNA * share, rng, 2.0))
-    assert (behind - moved)[8:-8, 8:-8].std() < 0.1 * moved.std()

@@ -168,22 +168,6 @@ def test_a_clamp_that_gives_is_the_estimators() -> None:
         replace(rod, clamp_give_m=1.0)
 
 
-def test_the_rod_as_a_call_takes_one_load_or_many() -> None:
-    wire = public_rod.wire(0.24, 0.8e-3, "steel")
-    forces = np.array([[0.0, 0.05, 0.0], [0.01, 0.0, -0.02]])
-    many = public_rod.solve(wire, forces, [0.1, 0.24])
-    one = public_rod.solve(wire, forces[1])
-    np.testing.assert_allclose(many.points_m[1], one.points_m)
-    free = public_rod.solve(wire, gravity_m_s2=[0.0, 0.0, 0.0])
-    np.testing.assert_allclose(free.points_m[-1], [0.24, 0.0, 0.0], atol=1e-12)
-    wrong = ({"force_N": [0.0, 1.0]}, {"force_N": [0.0, np.nan, 0.0]}, {"contact_m": 0.3}, {"contact_m": [[0.1]]})
-    for each in (*wrong, {"force_N": forces, "contact_m": [0.1, 0.1, 0.1]}):
-        with pytest.raises(InputError):
-            public_rod.solve(wire, **each)
-    with pytest.raises(InputError, match="cheese"):
-        public_rod.wire(0.24, 0.8e-3, "cheese")
-
-
 def test_the_pinhole_and_the_numbers_are_the_rigs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = a_rig()
     for to, name in (("mujoco", "a.xml"), ("json", "a.json"), ("pyelastica", "a.py")):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import resource
 import signal
 import socket
 import subprocess
@@ -21,7 +20,7 @@ from estimator import ContactEstimator
 from estimator.contact.estimate import STREAM
 from estimator.contact.recording import estimate_taken
 from estimator.live import LiveContact, LiveEstimator
-from estimator.live.outputs import Datagrams, GrowingTable, json_line
+from estimator.live.outputs import Datagrams, json_line
 from estimator.table.contacts import ContactRow
 from estimator.table.files import cells_of, read_contacts
 from vbaa_calib.cli.main import main
@@ -79,23 +78,6 @@ def test_every_picture_is_answered_at_once() -> None:
     assert same(rows(several, False), rows(several, True))
     waits = next(index for index, each in enumerate(found()) if each.final)
     assert waits <= STREAM + STREAM // 8
-
-
-def test_a_full_disk_leaves_whole_rows(tmp_path: Path) -> None:
-    """A file that may not grow any further, as on a full disk, ends with a whole row."""
-    path, rows = tmp_path / "contacts.csv", [each for each in found() if not each.final]
-    table, limits = GrowingTable(path), resource.getrlimit(resource.RLIMIT_FSIZE)
-    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    try:
-        table.write(rows[0])
-        resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 100, limits[1]))
-        with pytest.raises(InputError, match="cannot be written"):
-            table.write(rows[1])
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-        signal.signal(signal.SIGXFSZ, before)
-    table.close()
-    assert read_contacts(path).frame.tolist() == [rows[0].row.frame]
 
 
 def test_contacts_by_udp() -> None:

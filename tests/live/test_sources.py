@@ -112,16 +112,6 @@ def picture() -> np.ndarray:
     return cv2.imread(str(frames()[0].image))
 
 
-def run(source: str, out: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
-    """The summary; every answered picture is in the table."""
-    words = ("live", small_rig() / "rig.json", source, "-o", out, "--json", "--no-moment", "--pan", "0", "--tilt", "0")
-    assert main([str(word) for word in words]) == 0
-    summary: dict[str, Any] = json.loads(capsys.readouterr().out)
-    assert len(read_contacts(out)) == summary["frames"] > 0
-    assert [path.name for path in out.parent.iterdir()] == [out.name]
-    return summary
-
-
 COUNT = 20
 """Pictures in a bag."""
 

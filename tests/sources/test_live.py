@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import cv2
@@ -106,20 +105,6 @@ def test_the_newest_frame_is_given_and_old_ones_are_dropped(plug) -> None:
     source.close()
     source.close()
     assert fake.released
-
-
-def test_a_queue_holds_the_newest_frames_and_counts_what_it_loses(plug) -> None:
-    fake = plug(["go"] * 12 + ["hang"])
-    source = open_camera(0, patience=replace(QUICK, silence_s=5.0))
-    source.queued = 3
-    while fake.play != "hang":
-        time.sleep(0.02)
-    # the first was given when it opened
-    assert [source.next(1.0).image[0, 0] for _ in range(4)][1:] == [10, 11, 12]
-    assert source.dropped == 8
-    source.forget()
-    assert source.dropped == 0
-    source.close()
 
 
 @pytest.mark.parametrize(("play", "words"), [("fail", "no more pictures"), ("hang", "does not answer"),

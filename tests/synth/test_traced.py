@@ -8,14 +8,11 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from scipy.interpolate import CubicSpline
 
 from vbaa_calib.antenna.rod import solve_rod
-from vbaa_calib.simulate.plan import AntennaShot, Plan, plan
 from vbaa_calib.simulate.render.antenna import tube
 from vbaa_calib.simulate.render.meshes import Triangles, object_mesh, tube_mesh
 from vbaa_calib.simulate.render.picture import studio
-from vbaa_calib.simulate.scene.lens import project
 from vbaa_calib.simulate.scene.objects import Bump, TouchObject
 from vbaa_calib.simulate.scene.scene import Joints, SceneSpec, true_rod
 from vbaa_calib.simulate.scene.scene_file import load_scene
@@ -72,29 +69,6 @@ def test_an_objects_surface_is_the_one_that_is_touched(obj: TouchObject) -> None
     if obj.shape == "box_edge":
         touched &= (middles - obj.center_world_m) @ obj.wedge_world < 0.01
     assert np.abs(distance[touched]).max() < 2e-5
-
-
-def _small(folder: Path, traced: dict[str, object]) -> SceneSpec:
-    (folder / "scene.yaml").write_text(yaml.safe_dump(small_scene(1, (3,)) | {"traced": traced}))
-    return load_scene(folder / "scene.yaml")
-
-
-def _recorded(planned: Plan) -> list[AntennaShot]:
-    shots = [shot for shot in planned.shots if isinstance(shot, AntennaShot)]
-    return [shot for shot in shots if shot.path.startswith("recording/")]
-
-
-def test_each_row_shows_the_antenna_when_it_is_read(tmp_path: Path) -> None:
-    scene = _small(tmp_path, {})
-    still, rolled = _recorded(plan(scene)), _recorded(plan(scene, 0.5))
-    assert np.array_equal(rolled[-1].points_m, still[-1].points_m)
-    after = CubicSpline(still[2].arclength_m, still[2].points_m)(still[1].arclength_m)
-    motion = after - still[1].points_m
-    row = project(scene.lens, scene.T_antenna_camera.inverse() @ rolled[1].points_m)[:, 1]
-    share = 0.5 * (row / (scene.lens.image_size[1] - 1) - 0.5)
-    assert np.abs(share).max() > 0.01
-    assert np.abs(motion).max() > 1e-3
-    assert rolled[1].points_m == pytest.approx(still[1].points_m + share[:, None] * motion, abs=1e-7)
 
 
 # --- what mitsuba shows

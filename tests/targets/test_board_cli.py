@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pypdfium2
 import pytest
@@ -74,21 +73,6 @@ def test_an_april_grid_is_drawn_as_it_is_found(tmp_path: Path) -> None:
     for wrong in (("--tags", "5x4"), ("--type", "aprilgrid", "--squares", "5x4")):
         with pytest.raises(InputError):
             board(*wrong, "-o", tmp_path / "x.png", "--screen-ppi", 96)
-
-
-def test_a_screen_has_its_own_description(tmp_path: Path) -> None:
-    """The size in whole pixels is not the wanted one: what is written is what the screen shows."""
-    given = tmp_path / "board.yaml"
-    given.write_text(yaml.safe_dump(BoardSpec(9, 6, 0.02, 0.015).to_dict()))
-    result = board("--spec", given, "-o", tmp_path / "screen.png", "--screen-ppi", 96)
-    shown = load_board(tmp_path / "screen.yaml")
-    assert shown.square_m == pytest.approx(1e-3 * result["square_px"] / result["px_per_mm"], abs=1e-11)
-    assert shown.square_m != 0.02
-    picture = cv2.imread(str(tmp_path / "screen.png"), cv2.IMREAD_UNCHANGED)
-    assert list(picture.shape[::-1]) == result["image_size"]
-    assert len(detect_corners(picture, shown).ids) == shown.corner_count
-    with pytest.raises(InputError, match="is an input of this command"):
-        board("--spec", given, "-o", tmp_path / "board.png", "--screen-ppi", 96)
 
 
 SIZES = {"margin_mm": 5.0, "thickness_mm": 3.0, "wire_mm": 0.8}

@@ -118,20 +118,6 @@ def test_qr_code_is_a_board_file(case: tuple[BoardSpec, str, int], tmp_path: Pat
     assert load_board(tmp_path / "board.yaml") == spec
 
 
-def test_nothing_enters_the_quiet_zone() -> None:
-    """Around the board is white, as wide as the layout says, and the board is all that is inside."""
-    for spec, paper, _ in CASES:
-        picture, layout, px_per_mm = drawn(spec, paper, 100)
-        inner = (np.array([layout.board_x, layout.board_y]) * px_per_mm).astype(int) - 1
-        outer = inner - np.floor((layout.quiet - 0.5) * px_per_mm).astype(int)
-        size = (np.array([layout.board_width, layout.board_height]) * px_per_mm).astype(int) + 3
-        window = picture[
-            outer[1] : 2 * inner[1] - outer[1] + size[1], outer[0] : 2 * inner[0] - outer[0] + size[0]
-        ].copy()
-        window[inner[1] - outer[1] :, inner[0] - outer[0] :][: size[1], : size[0]] = 255
-        assert (window == 255).all()
-
-
 @pytest.mark.parametrize("seed", range(6))
 def test_every_module_is_whole_pixels(seed: int) -> None:
     """For random boards and densities: reduced to one pixel a module, then enlarged, the picture is the same."""

@@ -22,7 +22,6 @@ from pyarrow.parquet import read_table
 from estimator.table.contacts import STATUSES
 from estimator.table.files import read_contacts
 from vbaa_calib.cli.main import main
-from vbaa_calib.core.errors import InputError
 from viz.batch import cluster, work
 from viz.batch.cluster import Where, client_of
 from viz.batch.recordings import BatchRecording, recordings_of
@@ -199,21 +198,6 @@ def test_rows_are_those_of_estimate(folder: Path, tmp_path: Path) -> None:
         medians = [float(np.median(values[table.located])) for values in (table.distance_m, table.distance_std_m)]
         assert [row["distance_median_m"], row["distance_std_median_m"]] == medians
         assert row["readings"]["frames"] == row["frames"] == len(table)
-
-
-def test_recordings_by_folder_pattern_and_csv(folder: Path, tmp_path: Path) -> None:
-    rig = folder / "rig.json"
-    table = tmp_path / "list.csv"
-    table.write_text(f"recording,rig,name\n{folder / 's0'},{rig},mine\n{folder / 's1'},,\n")
-    found = recordings_of([str(table), str(folder / "s[23]")], rig)
-    assert [each.name for each in found] == ["mine", "s1", "s2", "s3"]
-    for wrong in ([str(folder / "none*")], [str(folder / "s0"), str(folder / "s0")]):
-        with pytest.raises(InputError):
-            recordings_of(wrong, rig)
-    with pytest.raises(InputError):
-        recordings_of([str(table)], None)
-    one, other = (write_recording(tmp_path / where / "run", 2) for where in ("a", "b"))
-    assert [each.name for each in recordings_of([str(one), str(other)], rig)] == ["a-run", "b-run"]
 
 
 def test_another_folder_is_not_written_into_nor_one_that_another_works_in(folder: Path, tmp_path: Path) -> None:

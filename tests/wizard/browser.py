@@ -1,4 +1,4 @@
-"""A headless Chromium, driven as a person would: pages opened, real clicks and keys, through its debugging pipe."""
+"""A headless Chromium, driven through its debugging pipe."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import select
 import shutil
 import subprocess
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -99,32 +98,6 @@ class Browser:
     def text(self, selector: str) -> str:
         """The text of an element as it can be seen."""
         return self.value(f"document.querySelector({json.dumps(selector)}).innerText")
-
-    def click(self, selector: str) -> None:
-        """With the mouse, in the middle of what is at that place."""
-        box = self.value(
-            f"(() => {{ const e = document.querySelector({json.dumps(selector)});"
-            " e.scrollIntoView({block: 'center'}); const b = e.getBoundingClientRect();"
-            " return [b.x + b.width / 2, b.y + b.height / 2]; })()"
-        )
-        self.drag(box)
-
-    def drag(self, *places: Sequence[float]) -> None:
-        """Press the mouse at the first place (x, y), move over the others, release it at the last: a click at one."""
-        kinds = ["mousePressed", *["mouseMoved"] * (len(places) - 1), "mouseReleased"]
-        for kind, (x, y) in zip(kinds, [*places, places[-1]], strict=True):
-            self.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
-
-    def type(self, words: str) -> None:
-        """Where the focus is."""
-        self.send("Input.insertText", text=words)
-
-    def press(self, key: str, code: int) -> None:
-        """A key, by its name and Windows' number of it."""
-        text = {"Enter": "\r"}.get(key, key if len(key) == 1 else "")
-        common: dict[str, Any] = {"key": key, "code": {" ": "Space"}.get(key, key), "windowsVirtualKeyCode": code}
-        self.send("Input.dispatchKeyEvent", type="keyDown", text=text, **common)
-        self.send("Input.dispatchKeyEvent", type="keyUp", **common)
 
     def size(self, width: int, height: int, dense: int = 1) -> None:
         """Of the window, on a screen of this many pixels per CSS pixel along a side."""

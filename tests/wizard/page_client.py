@@ -37,6 +37,16 @@ STATE: dict[str, Any] = {
     "finished": False,
     "report": None,
 }
+LIVE: dict[str, Any] = {
+    "image_size": [320, 240],
+    "corners_px": [[40.0, 50.0], [80.5, 52.25], [120.0, 54.0]],
+    "coverage": {"columns": 4, "rows": 3, "counts": [[0, 1, 2, 0], [0, 3, 1, 0], [0, 0, 0, 0]]},
+    "suggested_px": [[100.0, 60.0], [260.0, 70.0], [250.0, 180.0], [110.0, 170.0]],
+    "suggestion": "further right, nearer",
+    "closeness": 0.5,
+    "hold": 0.25,
+    "hints": [],
+}
 
 
 def state(**changed: Any) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import json
 import os
 import re
 import shutil
@@ -18,12 +17,8 @@ import numpy as np
 import pytest
 
 from vbaa_calib.antenna.materials import MATERIALS
-from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import read_json
 from vbaa_calib.core.images import read_picture
-from vbaa_calib.rig import Rig
-from vbaa_calib.simulate.scene.scene_file import load_scene
 from vbaa_calib.wizard import flow, steps
 from vbaa_calib.wizard.against_answers import antenna_diagnoses, camera_place, entries_that_show_it
 from vbaa_calib.wizard.asking import change
@@ -32,7 +27,7 @@ from vbaa_calib.wizard.session_state import SessionState, still_of
 from vbaa_calib.wizard.store import Store
 from vbaa_calib.wizard.ui import Interrupted, Ui, WizardView
 
-from .small_session import answers, answers_file, call, expect_line, rendered, tiny_source, unseen_steps
+from .small_session import answers, answers_file, call, rendered, tiny_source, unseen_steps
 
 RNG_SEED = 11
 
@@ -268,33 +263,3 @@ def test_another_material_is_named_and_nothing_is_enough_before(state: SessionSt
     assert change(state, Ui(), "material", MADE_OF)
     assert state.session.antenna == right
     assert antenna_diagnoses(state) == []
-
-
-@pytest.mark.slow
-def test_a_known_lens_takes_the_place_of_its_pictures(tmp_path: Path) -> None:
-    source, session, file = tmp_path / "pictures", tmp_path / "session", tmp_path / "camera.json"
-    shutil.copytree(rendered(), source, ignore=shutil.ignore_patterns("intrinsics"))
-    scene = load_scene(rendered().parent / "scene.yaml")
-    # of pictures twice as large
-    whole = tuple(2 * side for side in scene.lens.image_size)
-    matrix = np.array([[2.0, 0.0, 0.5], [0.0, 2.0, 0.5], [0.0, 0.0, 1.0]]) @ scene.lens.matrix
-    true = Camera(scene.lens.model, whole, matrix, scene.lens.distortion)
-    std = np.array([1.0, 1.0, 1.0, 1.0, 1e-3, 3e-3, 1e-4, 1e-4])
-    given = answers(source)
-    for name in ("camera_distance_mm", "camera_inclination_deg"):
-        del given[name]
-    told = answers_file(tmp_path / "answers.yaml", given)
-    file.write_text("{}")
-    expect_line(call(session, "--answers", told, "--camera", file), "camera.json")
-    expect_line(call(session, "--answers", told, "--camera", file, "--binning", "half"), "binning")
-    assert not session.exists()
-    expect_line(call(session, "--answers", told, "--rectified"), "there is none")
-    file.write_text(json.dumps(replace(true, covariance=np.diag(std**2)).to_dict()))
-    code, said = call(session, "--answers", told, "--camera", file, "--binning", 2)
-    assert code == 0, said
-    document = read_json(session / "rig.json")
-    assert document["quality"]["given_lens"]["file"] == "camera.json"
-    assert not (session / "intrinsics").exists()
-    rig = Rig.load(session / "rig.json")
-    off = rig.T_antenna_camera.tangent_from(scene.T_antenna_camera)
-    assert (abs(off) < 4.0 * rig.covariance.diagonal()[:6] ** 0.5).all()

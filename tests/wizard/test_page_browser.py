@@ -1,4 +1,4 @@
-"""The page in a real browser, with real clicks and keys: what the wizard shows is seen, what is done there arrives."""
+"""The page in a real browser: what the wizard shows is seen, what is done there arrives."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from vbaa_calib.wizard.server import PageServer, _PageCommand
 
 from .browser import BROWSER, Browser
-from .page_client import STATE, jpeg, state
+from .page_client import LIVE, STATE, jpeg, state
 
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="no browser here")
 
@@ -69,4 +69,12 @@ def test_it_shows_the_state_as_text_and_follows_it(browser: Browser, server: Pag
     page.until("document.getElementById('title').textContent === 'Now something else'")
     assert page.value("document.title") == f"Now something else · {STATE['session']}"
     assert page.text("#enough") == "✓ Enough: you can go on."
+    assert page.complaints() == []
+
+
+def test_what_is_clicked_arrives(browser: Browser, server: PageServer) -> None:
+    page = opened(browser, server, live=LIVE)
+    for kind in ("take", "enough", "drop", "back"):
+        page.value(f"document.querySelector('[data-kind={kind}]').click()")
+        assert given(server) == _PageCommand(kind=kind, seen=1)
     assert page.complaints() == []
