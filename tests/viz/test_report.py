@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,13 +20,20 @@ from estimator.contact.overlay import _marks as marks
 from estimator.contact.recording import FrameContact, estimate_pictures
 from estimator.table.contacts import COLUMNS, STATUSES, ContactRow, ContactTable
 from estimator.table.files import write_contacts
+from vbaa_calib.calibrate.check.assessment import assess
+from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
+from vbaa_calib.cli.main import main
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session, read_recording
+from viz.pages.page import _prose
+from viz.report.check import page as page_of_check
+from viz.report.lens import _maps
 from viz.report.make import Sources, make_report
 from viz.report.recording import SYMBOLS, Report, page
 from viz.report.words import _facts_of, origin
 from viz.scene.truth import true_contacts
 
+from ..calibrate.checked_rigs import QUALITY, rig_of, scene, unchanged
 from ..small_scene import small_rig
 from .estimates import object_estimate
 
@@ -125,3 +134,87 @@ def test_the_recordings_picture_shows_the_tables_contact(tmp_path: Path, monkeyp
         assert one.contact.reason == item.contact.reason
     np.testing.assert_allclose(marks(same_by, same).shape, fitted, atol=0.3)
     assert np.abs(marks(by, other).shape[-1] - fitted[-1]).max() > 3.0
+
+
+@pytest.fixture(scope="module")
+def check_page(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
+    """A rig.json, a whole session, and what the command says of them."""
+    folder = tmp_path_factory.mktemp("check")
+    rig, html, out = (folder / name for name in ("rig.json", "report.html", "check.json"))
+    rig.write_text(json.dumps(rig_of(scene()).to_dict() | {"quality": QUALITY}))
+    argv = ["check", str(rig), str(unchanged()), "--html", str(html), "-o", str(out)]
+    assert main(argv) == 0
+    return SimpleNamespace(argv=argv, rig=rig, html=html.read_text(), document=json.loads(out.read_text()))
+
+
+def figures(text: str) -> list[str]:
+    """The names of all figures of a page, gauges apart."""
+    return re.findall(r'<svg (?!class="gauge")[^>]*aria-label="([^"]*)"', text)
+
+
+def test_the_check_page_stands_alone_and_holds_everything(check_page: SimpleNamespace) -> None:
+    text = check_page.html
+    assert not re.search(r"""(src|href)\s*=\s*["'](https?:)?//|@import|url\((?!#)""", text)
+    assert not re.search(r"\bnan\b|\binf\b|None", re.sub(r"base64,[^\"]*", "", text))
+    assert "This rig holds." in text
+    for finding in [*check_page.document["findings"], *check_page.document["session_findings"]]:
+        assert str(_prose(finding["question"])) in text
+    # a gauge for each answer with a difference behind it, four figures of boards, three of the antenna, two maps
+    assert text.count('class="gauge"') == sum(
+        one["evidence"] is not None for one in check_page.document["session_findings"]
+    )
+    assert len(figures(text)) == 9
+    assert "board_007.png" in text
+    assert "opencv5" in text
+
+
+def test_the_page_of_a_rig_alone_whatever_its_quality_section(check_page: SimpleNamespace) -> None:
+    quality = {"lens": 3, "plane": [1], "stills": "x", "checks": {"<b>": "<i>"}}
+    text = page_of_check(assess(check_page.rig).to_dict() | {"quality": quality})
+    assert "Judged by rig.json alone" in text
+    assert len(figures(text)) == 2
+    assert "Is it still valid?" not in text
+    assert "not recorded" in text
+    assert "<i>" not in text
+
+
+BARREL = np.array([460.0, 458.0, 318.0, 243.0, -0.28, 0.09, 7e-4, -5e-4])
+
+
+@pytest.fixture(scope="module")
+def lens_page(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, dict]:
+    """The page, and camera.json."""
+    folder, session = tmp_path_factory.mktemp("lens"), small_rig() / "session"
+    out, html = folder / "camera.json", folder / "camera.html"
+    call = ["intrinsics", str(session / "intrinsics"), "--board", str(session / "session.yaml"), "-o", str(out)]
+    assert main([*call, "--html", str(folder / "camera.txt")]) == 2
+    assert not out.exists()
+    main([*call, "--html", str(html), "--lens-model", "opencv4"])
+    return html.read_text(), json.loads(out.read_text())
+
+
+def test_the_page_stands_alone_and_says_what_the_file_says(lens_page: tuple[str, dict]) -> None:
+    text, document = lens_page
+    assert not re.search(r"""(src|href)\s*=\s*["'](https?:)?//|@import|url\((?!#)""", text)
+    assert not re.search(r"\bnan\b|\binf\b|None", re.sub(r"base64,[^\"]*", "", text))
+    head = text.partition("</header>")[0]
+    assert document["verdict"].partition(". ")[0] in head
+    for one in document["diagnoses"]:
+        assert one["words"] in head
+    assert text.count('role="img"') == 6
+    assert text.count("data:image/jpeg") == 2
+    for view in document["views"]:
+        assert view["name"] in text
+
+
+def test_the_map_is_what_moved_lenses_do_to_points_on_a_plane() -> None:
+    """One standard deviation of the focal length alone, a turn of the camera left out: by moving the lens."""
+    camera = camera_of(LENS_MODELS["opencv4"], BARREL, (640, 480))
+    std = np.zeros(8)
+    std[:2] = 1e-3 * BARREL[:2]
+    covariance = np.outer(std, std)
+    plane, _ = _maps(type(camera)(camera.model, camera.image_size, camera.matrix, camera.distortion, covariance), 0.5)
+    row, column = 12, 40
+    pixel = np.array([plane["columns_px"][column], plane["rows_px"][row]])
+    first, second = (one.unproject_normalized(pixel)[0] for one in (camera, camera.moved(std)))
+    assert plane["std"][row, column] == pytest.approx(500.0 * float(np.linalg.norm(second - first)), rel=0.1)
