@@ -10,7 +10,7 @@ import re
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,8 +20,10 @@ from vbaa_calib.core.csv_rows import read_csv
 from vbaa_calib.core.errors import InputError, VbaaError
 from vbaa_calib.core.files import read_json, refuse_overwrite, sha256, write_json, write_text
 from vbaa_calib.core.folders import make_folder
-from vbaa_calib.rig.over_time import OverTime
 from viz.cli.intrinsics import MODELS
+
+if TYPE_CHECKING:
+    from vbaa_calib.rig.over_time import OverTime
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
