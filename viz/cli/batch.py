@@ -8,12 +8,12 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from viz.batch.work import Outcome
 from viz.cli import streams
 from viz.cli.estimate import add_estimator_options
 
 if TYPE_CHECKING:
     from viz.batch.cluster import Where
+    from viz.batch.work import Outcome
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
