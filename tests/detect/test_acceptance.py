@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from vbaa_calib.antenna.shape import bend
 from vbaa_calib.calibrate.antenna.learnt_paint import learn
@@ -20,6 +22,7 @@ from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import Paint, look_of, usual_looks, without_other_things
 from vbaa_calib.detect.whisker.profile import measure, measure_in_colour
+from vbaa_calib.geometry import Pose
 
 from ..rod_scenes import BROWN, LENGTH_M, MATRIX, World, camera_pose
 from ..traced_pictures import TracedPicture, traced_pictures
@@ -316,3 +319,29 @@ def test_light_from_one_side_does_not_pull_the_line(name: str) -> None:
     off = _off(picture, line.points_px)
     assert np.sqrt(np.mean(off**2)) < 0.04 * picture.width_px
     assert np.sqrt(np.mean((off / line.sigma_px) ** 2)) < 2.0
+
+
+@pytest.mark.parametrize("bright", [True, None])
+def test_an_antenna_that_nearness_makes_four_times_thicker_at_its_clamp_is_seen_from_end_to_end(
+    bright: bool | None,
+) -> None:
+    """Measured with one width all along, its clamp would lie outside the profiles, and be no part of it."""
+    matrix = np.array([[500.0, 0.0, 159.5], [0.0, 500.0, 119.5], [0.0, 0.0, 1.0]])
+    camera = Camera("opencv", SIZE[::-1], matrix, np.zeros(5))
+    clamp, tip = np.array([-0.015, 0.002, 0.08]), np.array([0.06, 0.01, 0.32])
+    along = (tip - clamp) / np.linalg.norm(tip - clamp)
+    turn = Rotation.align_vectors([along], [[1.0, 0.0, 0.0]])[0]
+    free = free_curve(np.array([0.0] * 6 + [-8.0, -8.0, 0.0]), float(np.linalg.norm(tip - clamp)), np.zeros(3))
+    where = corridor(camera, Pose.from_rotvec(turn.as_rotvec(), clamp), free, 1.6e-3)
+    path, fine = pixels(camera, Pose.from_rotvec(turn.as_rotvec(), clamp), free.points_m[0]), 8
+    across = normals(path[[0, -1]])[0] * 0.5 * 500.0 * 1.6e-3
+    outline = [path[0] + across / 0.08, path[0] - across / 0.08, path[-1] - across / 0.32, path[-1] + across / 0.32]
+    large = np.zeros((SIZE[0] * fine, SIZE[1] * fine), np.uint8)
+    cv2.fillPoly(large, [np.rint((np.array(outline) + 0.5) * fine - 0.5).astype(np.int32)], 1)
+    light = cv2.GaussianBlur(cv2.resize(large.astype(float), SIZE[::-1], interpolation=cv2.INTER_AREA), (0, 0), 0.7)
+    rng = np.random.default_rng(4)
+    line = AntennaFinder.prepare(where, SIZE[::-1]).find(exposed(60.0 + 110.0 * light, rng), bright)
+    assert line.found
+    assert line.seen > 0.9
+    off = aside(path, line.points_px)
+    assert np.abs(np.array([part.mean() for part in np.array_split(off, 4)])).max() < 0.1
