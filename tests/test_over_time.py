@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -54,14 +53,6 @@ def test_a_drift_and_a_scatter_are_named_and_measured() -> None:
         slopes.append((found.slope_per_day[3] - 0.4 * STD[3]) / found.slope_std_per_day[3])
     assert abs(np.mean(slopes)) < 4.0 / np.sqrt(30)
     assert 0.6 < np.std(slopes) < 1.4
-
-
-def test_few_calibrations_show_no_trend_and_exact_parameters_divide_by_nothing() -> None:
-    found = over_time([TRUE, TRUE.moved(STD), TRUE], DAYS[:3])
-    assert np.isnan(found.slope_per_day).all()
-    assert not found.drifts.any()
-    exact = replace(TRUE, covariance=0.0 * TRUE.covariance)
-    assert over_time([exact, exact.moved(STD), exact], DAYS[:3]).scatters[: len(STD)].all()
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -33,16 +33,6 @@ def test_importing_it_loads_nothing_heavy() -> None:
     assert done.stdout == "[]\n"
 
 
-def test_another_package_of_the_same_name_is_told(tmp_path: Path) -> None:
-    (tmp_path / "estimator").mkdir()
-    (tmp_path / "estimator" / "__init__.py").write_text("")
-    code = "import sys; sys.path[:0] = sys.argv[1:]; import vbaa; vbaa.ContactEstimator"
-    command = [sys.executable, "-c", code, str(tmp_path), str(ROOT)]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
-    assert done.returncode == 1
-    assert f"the package estimator is taken from {tmp_path / 'estimator'}, not from {ROOT}" in done.stderr
-
-
 def test_a_picture_to_a_contact_in_one_call() -> None:
     """From a file and from its pixels the same as in the session; and while frames come. Arrays cannot be changed."""
     rig = vbaa.Rig.load(small_rig() / "rig.json")

@@ -9,9 +9,9 @@ from scipy.optimize import minimize_scalar
 
 from vbaa_calib.antenna.shape import Curves, bend
 from vbaa_calib.geometry import Pose
-from vbaa_calib.rig.reprojection import ImageCurves, SeenPoints, image_curves, whitened_residuals
+from vbaa_calib.rig.reprojection import ImageCurves, image_curves
 
-from .rod_scenes import LENGTH_M, World, camera_pose, pushing
+from .rod_scenes import LENGTH_M, World, camera_pose
 
 T_ANTENNA_CAMERA = camera_pose(0.5, 0.7)
 
@@ -48,32 +48,6 @@ def beside(image: ImageCurves, s: np.ndarray, away: np.ndarray) -> np.ndarray:
     point, slope = image.at(0, s)
     normal = np.stack([-slope[:, 1], slope[:, 0]], axis=1) / np.linalg.norm(slope, axis=1)[:, None]
     return point + away[:, None] * normal
-
-
-def test_residuals_are_distances_over_their_deviation() -> None:
-    rng = np.random.default_rng(3)
-    image = image_curves(curves(pushing(0.3, 0.04, 0.15)[None]), T_ANTENNA_CAMERA.inverse())
-    s, away = rng.uniform(0.003, LENGTH_M - 0.003, 100), rng.normal(0.0, 1e-3, 100)
-    root = rng.normal(size=(100, 2, 2)) * 1e-4
-    seen = SeenPoints(beside(image, s, away), root @ np.swapaxes(root, 1, 2))
-    _, slope = image.at(0, s)
-    normal = np.stack([-slope[:, 1], slope[:, 0]], axis=1) / np.linalg.norm(slope, axis=1)[:, None]
-    deviation = np.sqrt(np.einsum("ni,nij,nj->n", normal, seen.covariance, normal))
-    np.testing.assert_allclose(whitened_residuals(seen, image)[:, 0], away / deviation, rtol=1e-4, atol=2e-6)
-
-
-def test_other_curves_are_measured_to_first_order() -> None:
-    """The second column, less the first, is how far the curve moved along the normal; brute force says the same."""
-    rng = np.random.default_rng(4)
-    force = pushing(0.3, 0.02, 0.15)
-    pair = image_curves(curves(np.array([force, force * 1.001])), T_ANTENNA_CAMERA.inverse())
-    s = rng.uniform(0.05, LENGTH_M - 0.005, 60)
-    seen = SeenPoints(beside(pair, s, rng.normal(0.0, 1e-4, 60)), np.tile(np.eye(2), (60, 1, 1)))
-    both = whitened_residuals(seen, pair)
-    brute = np.array([[distance(pair, which, point) for which in (0, 1)] for point in seen.points])
-    np.testing.assert_allclose(np.abs(both), brute, atol=2e-7)
-    moved = np.abs(both[:, 1] - both[:, 0])
-    assert moved.max() > 2e-5
 
 
 def test_a_thick_antenna_is_seen_midway_between_its_edges() -> None:

@@ -77,15 +77,3 @@ def test_to_a_file_and_back(name, tmp_path):
     assert again.parameter_names[:4] == ("fx", "fy", "cx", "cy")
     np.testing.assert_array_equal(again.covariance, known.covariance)
     assert pickle.loads(pickle.dumps(camera)).to_dict() == camera.to_dict()
-
-
-def test_the_valid_region_can_be_asked_for():
-    pinhole = LENSES["pinhole"].valid_region()
-    assert (pinhole.ideal_radius, pinhole.distorted_radius, pinhole.image_fraction) == (np.inf, np.inf, 1.0)
-    assert pinhole.half_angle_rad == pytest.approx(np.pi / 2)
-    folding = LENSES["barrel folding"].valid_region()
-    assert 0.5 < folding.image_fraction < 1.0
-    assert folding.half_angle_rad == pytest.approx(np.arctan(folding.ideal_radius))
-    # growth 1 − 0.6 θ² ends at θ = 1.291
-    fisheye = LENSES["fisheye folding"].valid_region()
-    assert fisheye.half_angle_rad == fisheye.ideal_radius == pytest.approx(1 / np.sqrt(0.6), rel=1e-9)

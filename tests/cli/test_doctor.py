@@ -145,14 +145,6 @@ def test_a_folder_that_takes_a_packages_place(tmp_path: Path, monkeypatch: pytes
     assert f"targets is taken from {tmp_path / 'targets'}" in taken.problems[0].words
 
 
-def test_a_package_that_overwrote_ours(tmp_path: Path) -> None:
-    found = CHECKS["shadows"](tmp_path, lambda: {"estimator": ["vbaa-calib", "other-estimator"]})
-    (problem,) = (one for one in found.problems if one.name == "package_overwritten")
-    assert problem.grave
-    assert "other-estimator has installed a package estimator, too" in problem.words
-    assert "uninstall --yes other-estimator" in problem.remedy
-
-
 def test_a_process_may_crash_or_hang() -> None:
     """Real ones: the doctor outlives them, and keeps what they had said."""
     crashed = doctor._try_python(["-c", "import os; os.abort()"], 20)

@@ -35,29 +35,6 @@ def test_vision_alone(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> N
     assert not any(row["moment_residual_Nm"] for row in rows)
 
 
-def greened(picture: np.ndarray) -> np.ndarray:
-    """What is bright turns green, and as light as the rest: its grey level tells it no more."""
-    share = np.clip((picture.astype(float) - 60.0) / 150.0, 0.0, 1.0)[..., None]
-    colours = np.array([120.0, 110.0, 115.0]) * (1.0 - share) + np.array([60.0, 130.0, 80.0]) * share
-    noise = np.random.default_rng(0).normal(0.0, 2.0, colours.shape)
-    return np.clip(np.rint(colours + noise), 0, 255).astype(np.uint8)
-
-
-def test_an_antenna_that_differs_in_colour_alone_is_learnt_from_the_noload_frames(
-    vbaa: Call, made: Path, session: Path, tmp_path: Path
-) -> None:
-    for name in ("noload", "loads", "recording"):
-        repaint(f"{name}/*.png", greened)(session)
-    rig = tmp_path / "rig.json"
-    assert vbaa("calibrate", session, "-o", rig).code == 0
-    assert Rig.load(rig).image.bright is None
-    one, other = Rig.load(rig).antenna, Rig.load(made / "rig.json").antenna
-    assert one.stiffness_Nm2 == pytest.approx(other.stiffness_Nm2, rel=5e-3)
-    assert vbaa("estimate", session, "--rig", rig, "--no-report", "-o", tmp_path / "contacts.csv").code == 0
-    rows = list(csv.DictReader((tmp_path / "contacts.csv").read_text().splitlines()))
-    assert [row["status"] for row in rows] == ["no_contact", "ok", "ok", "no_contact"]
-
-
 def test_a_background_is_taken_off_every_picture(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:
     """Bars lie across the antenna; the picture without it shows them too."""
     usual = cv2.imread(str(next((session / "recording").glob("*.png"))), cv2.IMREAD_GRAYSCALE)

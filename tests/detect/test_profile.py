@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from vbaa_calib.detect.whisker.centreline import Centreline
-from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.profile import measure, measure_in_colour
 from vbaa_calib.native import core
 
-from .drawn_lines import SIZE, aside, background, bent, exposed, straight, trace, tube
+from .drawn_lines import SIZE, aside, background, bent, exposed, straight, tube
 
 WIDTH_PX = 2.3
 
@@ -97,20 +96,6 @@ def test_what_hides_the_antenna_leaves_a_gap_and_draws_nothing_aside(brightness:
     assert not ((u > 140) & (u < 174)).any()
     assert ((u < 135).sum() > 50) & ((u > 180).sum() > 50)
     assert np.abs(aside(path, line.points_px)).max() < 0.25
-
-
-def test_noise_and_clutter_are_no_antenna() -> None:
-    """The whole way, path and measurement, over pictures of everything but an antenna."""
-    found = []
-    for seed in range(60):
-        rng = np.random.default_rng(1000 + seed)
-        picture = exposed(background(rng, rng.uniform(0.0, 20.0)), rng, rng.uniform(0.5, 4.0))
-        axis = dense(straight(rng.uniform(-30, 30), 230.0))
-        where = Corridor(axis, 8.0 + 0.6 * np.linspace(0.0, 230.0, len(axis)), WIDTH_PX)
-        line = measure(picture, trace(picture, where), WIDTH_PX)
-        if line.found:
-            found.append((seed, line.seen))
-    assert not found
 
 
 def test_a_bent_thick_line_is_not_drawn_to_the_inside_of_its_bend() -> None:

@@ -76,18 +76,6 @@ def test_ragged_lines_and_rows_of_nan() -> None:
         assert furthest(one, second) < STANDSTILL
 
 
-def test_frames_without_an_antenna_disturb_no_other() -> None:
-    given = scenes()
-    lines = list(given.points_px[:6])
-    lines[1], lines[4] = np.full((30, 2), np.nan), np.empty((0, 2))
-    found = ContactEstimator(given.rig).estimate_batch(
-        lines, given.moment_Nm[:6], np.zeros(6), np.zeros(6), sigma_px=SIGMA
-    )
-    assert [found[i].status for i in (1, 4)] == ["no_antenna", "no_antenna"]
-    assert max(furthest(alone()[i], found[i]) for i in (0, 2, 3, 5)) < STANDSTILL
-    assert len(ContactEstimator(given.rig).estimate_batch([], [], [], [])) == 0
-
-
 def moving(count: int) -> tuple[World, list[Measured], list[float]]:
     """A contact that slides along the antenna, jumps, lets go and comes back: frames and true distances."""
     world = World(camera_pose(0.5, 0.7))

@@ -24,7 +24,7 @@ from vbaa_calib.convert.values import Exchanged, Wanted
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.streams.bags import BagWriter, Logged
 
-from .files import COLMAP, POSE, READ_ONLY, SAMPLES, WHICH, camera, fisheye, points
+from .files import POSE, READ_ONLY, SAMPLES, WHICH, camera, fisheye, points
 
 HELD = {"ros": (0, 4, 5, 8), "opencv": (0, 4, 5, 8, 12, 14), "kalibr": (0, 4), "mrcal": (0, 4, 5, 8, 12)}
 HELD |= {"colmap": (0, 4, 5, 8), "vbaa": (0, 4, 5, 8, 12, 14)}
@@ -170,14 +170,6 @@ def test_a_file_tells_its_format_by_itself(name: str, tmp_path: Path) -> None:
         if name in HELD and holds(name, lens):
             (tmp_path / "ours").write_text(FORMATS[name].write(Exchanged(lens, POSE)))
             assert guessed(tmp_path / "ours").name == name
-
-
-def test_colmap_counts_pixels_from_their_corner() -> None:
-    line = FORMATS["colmap"].write(Exchanged(camera(0))).splitlines()[-1]
-    assert line == "1 PINHOLE 960 720 968.1 970.3 483.6 355.9"
-    pinhole = read("colmap", COLMAP, "2").camera
-    # a centred principal point is w/2 there, (w − 1)/2 here
-    assert pinhole.matrix[:2, 2].tolist() == [1535.5, 1151.5]
 
 
 SIZE = (1280, 960)

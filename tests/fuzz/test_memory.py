@@ -9,7 +9,6 @@ from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pyarrow
 import pyarrow.parquet as parquet
@@ -138,17 +137,4 @@ def test_contacts_that_unpack_to_much_are_refused(rows: int, reason: str, folder
     assert taken(lambda: READ["parquet"].read(path)) < most_memory(len(data))
     with pytest.raises(InputError, match="unpacks to"):
         READ["parquet"].read(path)
-    path.unlink()
-
-
-def test_a_video_of_large_frames_is_refused(folder: Path) -> None:
-    """They are black, and take next to nothing in the file."""
-    path = folder / "large.avi"
-    video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10.0, (6000, 6000))
-    for _ in range(2):
-        video.write(np.zeros((6000, 6000, 3), np.uint8))
-    video.release()
-    assert taken(lambda: READ["video"].read(path)) < most_memory(path.stat().st_size)
-    with pytest.raises(InputError, match="6000x6000 px"):
-        READ["video"].read(path)
     path.unlink()

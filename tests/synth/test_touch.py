@@ -126,13 +126,6 @@ def test_tip_contact_need_not_push_across_the_antenna() -> None:
     np.testing.assert_allclose(result.force_antenna_N / size, normal, atol=1e-6)
 
 
-def test_no_slip_no_friction() -> None:
-    """Two equal poses: between them nothing moves; nor does anything come before the first frame."""
-    poses = shifted(0.01 * Y, 0.01 * Y)
-    _, tangent, force = in_world(poses, touch(bare_rod(), RADIUS, knife(0.16, 0.0, friction=0.5), poses, NONE))
-    assert np.abs((force * tangent).sum(axis=1)).max() < 1e-9
-
-
 def test_frames_without_an_answer_are_named() -> None:
     with pytest.raises(SolveError, match=r"frame 1: .*slip off round the sphere"):
         touch(bare_rod(), RADIUS, TouchObject("sphere", 0.16 * X, Z, 0.02, 1.0), panned(-8.0, 8.0, 2), NONE)

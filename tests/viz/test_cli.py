@@ -62,26 +62,6 @@ def test_view_writes_page_and_gltf(files: SimpleNamespace, capsys: pytest.Captur
     assert page.read_text() == text
 
 
-def test_a_report_of_files(files: SimpleNamespace, capsys: pytest.CaptureFixture[str]) -> None:
-    argv = ["report", files.contacts, "--rig", files.rig, "--truth", files.truth, "--title", "<mine>", "--json"]
-    code, said, _ = outcome(capsys, *argv)
-    assert (code, said) == (0, {"report": str(files.folder / "report.html")})
-    html = (files.folder / "report.html").read_text()
-    for words in ("&lt;mine&gt;", "Contact located in 90 of 92 frames", "sha256", ">truth<"):
-        assert words in html
-    assert outcome(capsys, *argv)[0] == 2
-    outcome(capsys, "report", files.free, "-o", files.folder / "free.html")
-    html = (files.folder / "free.html").read_text()
-    assert "Nothing was touched" in html
-    assert "Nothing can be said of it: no frame has a located contact" in html
-    elsewhere = json.loads(files.rig.read_text())
-    elsewhere["kinematics"]["position_world_m"] = [0.3, 0.0, 0.0]
-    files.rig.write_text(json.dumps(elsewhere))
-    code, _, words = outcome(capsys, *argv, "-o", files.folder / "foreign.html")
-    assert (code, "do not fit the rig's kinematics" in words) == (2, True)
-    assert not (files.folder / "foreign.html").exists()
-
-
 COVARIANCE = np.diag([1e-6, 4e-6, 9e-6])
 
 

@@ -167,15 +167,6 @@ def test_from_the_first_question_to_the_rig(session: Path, walked: tuple[Session
     assert rig["antenna"]["stiffness_Nm2"] == pytest.approx(truth["stiffness_Nm2"], rel=0.03)
 
 
-def test_redo_takes_new_pictures_alone(walked: tuple[SessionState, Person], tmp_path: Path) -> None:
-    root = Path(shutil.copytree(walked[0].store.root, tmp_path / "rig"))
-    with Store(root) as store:
-        flow.redo(store, walked[1], "plane")
-        past = store.journal.of("plane").past
-    assert past is not None
-    assert {Path(one).name for one in past} == {path.name for path in walked[1].camera.iterdir()}
-
-
 def test_a_wrong_thickness_is_named_by_the_first_free_picture(state: SessionState) -> None:
     """Not blamed on light: where the jig's answers put the antenna, it is not."""
     first = state.store.journal.of("noload").taken[0]

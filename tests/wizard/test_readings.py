@@ -71,16 +71,3 @@ def test_a_table(name: str, tiny: Tiny, tmp_path: Path) -> None:
     table.write_bytes(content if isinstance(content, bytes) else content.encode())
     outcome = call(tiny.session, "--redo", step, f"--{step}-readings", table)
     expect_refused(tiny, outcome, *words)
-
-
-def test_mended_it_goes_on(tiny: Tiny, tmp_path: Path) -> None:
-    """What was taken before the wrong row stays, and the mended table ends the step."""
-    table = tmp_path / "readings.csv"
-    table.write_text(FREE + "1.png,0,0,0.001\n2.png,0,20,0.002\n")
-    expect_refused(tiny, call(tiny.session, "--redo", "noload", "--noload-readings", table), "2.png")
-    table.write_text(FREE + "1.png,0,0,0.001\n2.png,0,0.2,0.002\n")
-    code, said = call(tiny.session)
-    assert code == 0, said
-    assert "took      1.png" not in said
-    rows = (tiny.session / "noload" / "noload.csv").read_text().split()
-    assert rows[1:] == ["0001.png,0.0,0.0,0.001", "0002.png,0.0,0.2,0.002"]
