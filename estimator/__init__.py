@@ -1,4 +1,4 @@
-"""The inverse problem: from picture and moment to where the antenna touches, and how hard."""
+"""The inverse problem: from picture and moment to contact point and force."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
-    """Load on first use, so that `vbaa --help` need not wait for NumPy."""
+    """Load modules on first use, so that `vbaa --help` need not wait for NumPy."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(_HOMES[name], __name__), name)

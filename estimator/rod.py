@@ -1,4 +1,4 @@
-"""The static rod as a library call, for who has no camera: loads in, shape out.
+"""The static rod as a library call, without a camera: from loads to shape.
 
 from estimator import rod
 shape = rod.solve(rod.wire(0.24, 0.8e-3, "stainless steel"), force_N=[0, 0.05, 0])
@@ -42,7 +42,7 @@ def solve(
     contact_m: ArrayLike | None = None,
     gravity_m_s2: ArrayLike | None = None,
 ) -> RodShape:
-    """Shape under weight and one force that keeps its direction, however large the deflection.
+    """Shape under weight and one force of fixed direction, for any deflection.
 
     Its arrays have no B where all loads are one.
 

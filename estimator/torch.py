@@ -1,4 +1,4 @@
-"""Contacts as a differentiable layer of torch: centrelines in, distance, force and contact point out. Loads torch."""
+"""Contacts as a differentiable layer of torch: from centrelines to distance, force and contact point. Loads torch."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ class ContactTensors(NamedTuple):
 
 
 class _EstimatedContacts(torch.autograd.Function):
-    """(B, 7) distance, force and world point of frames; backward by `Contacts.jacobian`."""
+    """(B, 7) distance, force and world point of frames, differentiable by `Contacts.jacobian`."""
 
     @staticmethod
     def forward(
         ctx: Any, estimator: ContactEstimator, sigma_px: Any, pixels: Tensor, moments: Tensor, joints: Tensor
     ) -> Tensor:
-        """By the estimator, on the processor."""
+        """Contacts by the estimator, on the processor."""
         lines, read, angles = (each.detach().cpu().double().numpy() for each in (pixels, moments, joints))
         found = estimator.estimate_batch(
             lines,
@@ -131,7 +131,7 @@ class ContactLayer(torch.nn.Module):
         return ContactTensors(found[:, 0], found[:, 1:4], found[:, 4:], torch.isfinite(found[:, 0]))
 
     def _pixels(self, plane_xy_m: Tensor) -> Tensor:
-        """The pixels (B, N, 2) that points (B, N, 2) on plane C are of, with gradients; NaN stays NaN."""
+        """The pixels (B, N, 2) of points (B, N, 2) on plane C, with gradients; NaN stays NaN."""
         rig = self.estimator.rig
         pose = rig.T_antenna_camera.inverse()
         missing = ~torch.isfinite(plane_xy_m).all(-1, keepdim=True)

@@ -35,7 +35,7 @@ from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
 
 @dataclass(frozen=True)
 class BudgetSettings:
-    """At which contacts a rig's budget is taken, and how finely; ordinary ones, with light to firm touches."""
+    """The contacts of a rig's budget (ordinary ones, from light to firm touches), and the resolution of its tables."""
 
     distances: tuple[float, ...] = (0.2, 0.35, 0.5, 0.65, 0.8, 0.95)  # of the contacts, in lengths of the antenna
     # of the antenna at the contact: a light touch, a firm one, nearly as much as is ordinary
@@ -82,8 +82,8 @@ class BudgetContacts(Rows):
 
 
 def ordinary_touches(rig: Rig, pan_rad: float = 0.0, tilt_rad: float = 0.0) -> BudgetContacts:
-    """Contacts for a budget where none are named: a grid over distance, the slope that the force makes, and its
-    direction around the antenna."""
+    """Default contacts of a budget: a grid over distance, slope at the contact, and direction of the force around
+    the antenna."""
     around = 2.0 * np.pi * (np.arange(BudgetSettings.directions) + 0.5) / BudgetSettings.directions
     grid = np.meshgrid(
         np.array(BudgetSettings.distances) * rig.antenna.length_m,
@@ -98,7 +98,7 @@ def ordinary_touches(rig: Rig, pan_rad: float = 0.0, tilt_rad: float = 0.0) -> B
 
 
 def _unknowns_of(rig_arrays: RigArrays, touches: BudgetContacts) -> np.ndarray:
-    """(B, 4) `rig_arrays.UNKNOWNS`, without friction."""
+    """(B, 4) unknowns in the order of `rig_arrays.UNKNOWNS`, without friction."""
     unknowns = np.zeros((len(touches), UNKNOWNS))
     unknowns[:, 0] = touches.distance_m / rig_arrays.length_m
     unknowns[:, 1:3] = touches.push_N / rig_arrays.force_unit_N
@@ -108,7 +108,8 @@ def _unknowns_of(rig_arrays: RigArrays, touches: BudgetContacts) -> np.ndarray:
 def touch_of_force(
     rig_arrays: RigArrays, distance_m: float, force_N: np.ndarray, pan_rad: float, tilt_rad: float
 ) -> BudgetContacts:
-    """The one contact with the lateral force `force_N` (2,), antenna frame; of a push NaN where it bends too far."""
+    """The contact with the lateral force `force_N` (2,), antenna frame; its push is NaN where it bends the antenna
+    too far."""
     touch = BudgetContacts(np.array([distance_m]), force_N[None].astype(float), pan_rad, tilt_rad)
     empty = _empty(rig_arrays, touch)
     unknowns = _unknowns_of(rig_arrays, touch)
@@ -126,7 +127,7 @@ def touch_of_force(
 
 
 def _world_rotation(rig: Rig, touches: BudgetContacts) -> np.ndarray:
-    """(3, 3) from the antenna frame to the world's at the contacts' joints."""
+    """(3, 3) rotation from the antenna frame to the world's at the contacts' joint angles."""
     return np.asarray(rig.kinematics.T_world_antenna(touches.pan_rad, touches.tilt_rad).rotation)
 
 
@@ -137,7 +138,7 @@ def _empty(rig_arrays: RigArrays, touches: BudgetContacts) -> Frames:
 
 @dataclass(frozen=True, eq=False)
 class _ErrorSpace:
-    """S independent errors of unit deviation that make all errors of rig and joint axes."""
+    """S independent errors of unit standard deviation that span all errors of rig and joint axes."""
 
     causes: tuple[str, ...]  # G that have any error, of `RIG_CAUSES`, "lens", "sensor_axes" and "joint_axes"
     determined: np.ndarray  # (G, S, S) projector onto the errors determined once a cause is known, by correlation, too
@@ -148,12 +149,12 @@ class _ErrorSpace:
 
     @property
     def size(self) -> int:
-        """S."""
+        """Number S of independent errors."""
         return self.axes.shape[1]
 
     @staticmethod
     def of(rig_arrays: RigArrays) -> _ErrorSpace:
-        """Of a rig as the estimator knows it."""
+        """The error space of a rig as the estimator models it."""
         rig_rows, axes = _independent(rig_arrays)
         rows = {cause: rig_rows[[RIG_PARAMETERS.index(name) for name in names]] for cause, names in RIG_CAUSES.items()}
         first, sensor = len(rig_arrays.rig.covariance), rig_arrays.rig.wrench_sensor
@@ -170,7 +171,8 @@ class _ErrorSpace:
 
 
 def _independent(rig_arrays: RigArrays) -> tuple[np.ndarray, np.ndarray]:
-    """(17 + P, S) parameters of the rig and (3, S) the joint axes' by the independent errors."""
+    """Linear maps from the independent errors: (17 + P, S) to the rig's parameters, (3, S) to those of the joint
+    axes."""
     rig_axes, kinematics = np.asarray(rig_arrays.axes), rig_arrays.rig.kinematics
     own = np.diag(kinematics.axes_std)[:, kinematics.axes_std > 0.0]
     axes = np.hstack([kinematics.axes_by_pose @ rig_axes[: len(POSE_PARAMETERS)], own])
@@ -178,8 +180,8 @@ def _independent(rig_arrays: RigArrays) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _subsets(rows: list[np.ndarray], size: int) -> np.ndarray:
-    """(2^G, S, S) projectors onto what any set of causes determines of the independent errors; bit g is cause g. `rows`
-    are G arrays (P_g, S): a cause's parameters by the errors."""
+    """(2^G, S, S) projectors onto the subspaces of independent errors that each subset of causes determines; bit g
+    is cause g. rows : G arrays (P_g, S), a cause's parameters by the errors."""
     determined = np.zeros((1, size, size))
     for part in rows:
         scale = np.linalg.norm(part, axis=1, keepdims=True)
@@ -192,8 +194,8 @@ def _subsets(rows: list[np.ndarray], size: int) -> np.ndarray:
 
 
 def _split(determined: np.ndarray) -> np.ndarray:
-    """(G, S, S) Shapley's shares of G causes that add up to what all determine: what a cause adds to those known before
-    it, averaged over all orders, so that correlated causes divide what they have in common."""
+    """(G, S, S) Shapley shares of G causes, which add up to what all determine together: a cause's contribution
+    beyond those known before it, averaged over all orders, so that correlated causes share what they have in common."""
     count = len(determined).bit_length() - 1
     members = (np.arange(len(determined))[:, None] >> np.arange(count)) & 1
     sizes = members.sum(axis=1)
@@ -206,7 +208,7 @@ def _split(determined: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Linearization(Rows):
-    """B contacts, linearised: K = 4 + S unknowns, of which the last are the errors of rig and joint axes."""
+    """B contacts, linearised in K = 4 + S unknowns, the last of which are the errors of rig and joint axes."""
 
     points: np.ndarray  # (B, K, K) information in the picture
     readings: np.ndarray  # (B, K, K) information in the readings
@@ -252,7 +254,7 @@ the force's prior; (B, 6, S) by each independent error."""
 
 
 def _variance(propagation: _Propagation) -> np.ndarray:
-    """(B, 6) of the results, all causes together."""
+    """(B, 6) variances of the results due to all causes together."""
     _, by_noise, by_errors = propagation
     whole: np.ndarray = sum(by_noise.values(), np.zeros(()))
     return np.asarray(whole + (by_errors**2).sum(axis=-1))
@@ -265,9 +267,9 @@ def _propagate(
     factor: float = 1.0,
     errors: np.ndarray | None = None,
 ) -> _Propagation:
-    """The errors of contacts that are estimated with what is known, or with a cause's deviation times a factor: as if
-    it were measured again, which narrows correlated ones, too. errors : (S, S) what the independent errors are made of
-    then."""
+    """The error propagation of contacts, with the rig as it is or with a cause's standard deviation multiplied by a
+    factor, as if it were measured again (which narrows correlated ones, too). errors : (S, S) map from unit errors
+    to the remaining independent ones."""
     left = np.eye(linear.prior.shape[1])
     if errors is not None:
         left[UNKNOWNS:, UNKNOWNS:] = errors
@@ -294,8 +296,8 @@ def _propagate(
 
 
 def _correlated_variance(space: _ErrorSpace, propagation: _Propagation) -> np.ndarray:
-    """(B, 6) variance by errors that belong to no cause alone: of all, less what each makes beyond what the others
-    determine; negative where they cancel. `_variance_by_cause` divides it."""
+    """(B, 6) variance due to correlations between causes: the total, less what each cause adds beyond what the
+    others determine; negative where they cancel. `_variance_by_cause` distributes it."""
     errors = propagation[2]
     whole = (errors**2).sum(axis=-1)
     others = np.einsum("bqi,gij,bqj->gbq", errors, space.determined_by_others, errors, optimize=True)
@@ -303,7 +305,7 @@ def _correlated_variance(space: _ErrorSpace, propagation: _Propagation) -> np.nd
 
 
 def _variance_by_cause(space: _ErrorSpace, propagation: _Propagation) -> dict[str, np.ndarray]:
-    """(B, 6) variance by every cause; they add up to `_variance`."""
+    """(B, 6) variances due to each cause, which add up to `_variance`."""
     errors = propagation[2]
     shared = np.einsum("bqi,gij,bqj->gbq", errors, space.shares, errors, optimize=True)
     # rounding leaves what is nothing a little below it
@@ -311,12 +313,12 @@ def _variance_by_cause(space: _ErrorSpace, propagation: _Propagation) -> dict[st
 
 
 def per_result(rows: np.ndarray) -> dict[str, np.ndarray]:
-    """(B,) variance of each of `RESULTS` from that of their rows (B, 6)."""
+    """(B,) variance of each of `RESULTS`, from those of its components (B, 6)."""
     return {name: rows[:, list(which)].sum(axis=1) for name, which in RESULTS.items()}
 
 
 def _inverse(matrices: np.ndarray) -> np.ndarray:
-    """Inverses (B, K, K); infinite where there is none."""
+    """Inverses (B, K, K); infinite for singular matrices."""
     values, vectors = np.linalg.eigh(np.where(np.isfinite(matrices), matrices, 0.0))
     regular = values[:, :1] > 1e-15 * values[:, -1:]
     with np.errstate(all="ignore"):
@@ -325,7 +327,7 @@ def _inverse(matrices: np.ndarray) -> np.ndarray:
 
 
 class _ErrorCause(NamedTuple):
-    """A cause of errors: its name and colour in tables and figures, and what to do about it."""
+    """A cause of errors: its name and colour in tables and figures, and its remedy."""
 
     name: str
     colour: str
@@ -375,7 +377,7 @@ OWN = ("pixels", "moment_noise", "friction", "force_prior")  # causes that are n
 
 @dataclass(frozen=True)
 class _CausePart:
-    """One cause's part of one result, rms over the contacts, in the result's unit."""
+    """One cause's contribution to one result, rms over the contacts, in the result's unit."""
 
     std: float  # the deviation that it contributes; squares add up
     share: float  # of the variance
@@ -385,7 +387,7 @@ class _CausePart:
 
 @dataclass(frozen=True)
 class ResultBudget:
-    """One result's budget, rms over the contacts."""
+    """The budget of one result, rms over the contacts."""
 
     std: float  # whole deviation
     in_common: float  # share of the variance that belongs to no one cause, by correlations; the parts hold it divided
@@ -393,16 +395,16 @@ class ResultBudget:
 
     @property
     def first(self) -> str:
-        """The cause to halve first: the one with the largest gain."""
+        """The cause with the largest gain from halving its standard deviation."""
         return max(self.parts, key=self.gain)
 
     def gain(self, cause: str) -> float:
-        """The part that half a cause's deviation would take off this result's."""
+        """Relative decrease of this result's standard deviation when that of a cause is halved."""
         return 1.0 - self.parts[cause].if_halved / self.std
 
     @property
     def common_std(self) -> float:
-        """What the calibration contributes: it is common to all frames, and does not average out."""
+        """The calibration's contribution, which is common to all frames and does not average out."""
         return float(np.sqrt(sum(part.std**2 for cause, part in self.parts.items() if cause not in OWN)))
 
 
@@ -418,7 +420,8 @@ class Budget:
     notes: tuple[str, ...]
 
     def gain(self, cause: str) -> float:
-        """Mean part that half a cause's deviation would take off distance, force and point."""
+        """Mean relative decrease of the standard deviations of distance, force and point when that of a cause is
+        halved."""
         return float(np.mean([self.results[name].gain(cause) for name in ADVISED]))
 
     @property
@@ -428,11 +431,11 @@ class Budget:
 
     @property
     def first_of_rig(self) -> str | None:
-        """The same among what a calibration finds. None where the rig counts as exact."""
+        """The cause to improve first among those that a calibration determines; None where the rig counts as exact."""
         return max((cause for cause in self.variances if cause not in OWN), key=self.gain, default=None)
 
     def leads(self, name: str) -> dict[str, int]:
-        """In how many contacts each cause has the largest part of a result; causes that lead nowhere are left out."""
+        """Number of contacts in which each cause contributes most to a result; causes without any are left out."""
         causes = list(self.variances)
         largest = np.argmax([per_result(rows)[name] for rows in self.variances.values()], axis=0)
         count = np.bincount(largest, minlength=len(causes))
@@ -442,7 +445,7 @@ class Budget:
 def error_budget(
     rig: Rig, touches: BudgetContacts | None = None, *, friction: float = FRICTION_RAD, with_moment: bool = True
 ) -> Budget:
-    """The budget of a rig, by default over ordinary contacts; `with_moment` False for vision alone.
+    """The budget of a rig, by default over ordinary contacts. with_moment : False for estimates from pictures alone.
 
     `friction` is the deviation of the friction angle, rad, as the estimator assumes it. Raises InputError where it is
     out of range, or where there is no contact for which the estimator would give numbers.
@@ -499,7 +502,8 @@ def error_budget(
 
 @dataclass(frozen=True, eq=False)
 class _SharedError:
-    """The error of distance that all frames of a rig share, rms over ordinary contacts, by the rig's covariance.
+    """The distance's error that all frames of a rig share, rms over ordinary contacts, as a function of the rig's
+    covariance.
 
     linear, space : the contacts, and the rig's independent errors. rig_rows : (17 + P, S) its parameters by these.
     covariance : (17 + P, 17 + P) as it is.
@@ -512,7 +516,7 @@ class _SharedError:
 
     @staticmethod
     def of(rig: Rig) -> _SharedError | None:
-        """The budget of a rig as the estimator models it; None where no ordinary contact would have numbers."""
+        """The shared error of a rig as the estimator models it; None where no ordinary contact would be determined."""
         rig_arrays, touches = RigArrays.from_rig(rig, FRICTION_RAD, drift=False), ordinary_touches(rig)
         rows, axes = _independent(rig_arrays)
         none = np.zeros((0, axes.shape[1], axes.shape[1]))
@@ -526,31 +530,32 @@ class _SharedError:
         return _SharedError(every.picked(determined), space, rows[: len(rig.covariance)], rig.covariance)
 
     def std_m(self, covariance: np.ndarray) -> float:
-        """With another covariance (17 + P, 17 + P) of the rig, no larger than its own, and weighed by it."""
+        """The shared error with another covariance (17 + P, 17 + P) of the rig, no larger than its own, that is also
+        used as weight."""
         values, axes = np.linalg.eigh(np.eye(self.space.size) - self._gained(covariance))
         root = (axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T
         errors = _propagate(self.linear, self.space, errors=root)[2][:, 0]
         return float(np.sqrt((errors**2).sum(axis=1).mean()))
 
     def variance_m2(self, covariance: np.ndarray) -> float:
-        """The square of `std_m` if contacts were weighed as they are now."""
+        """The shared error's square with another covariance but the present weights."""
         return float(np.sum(self._form * (np.eye(self.space.size) - self._gained(covariance))))
 
     @cached_property
     def _form(self) -> np.ndarray:
-        """(S, S) of the mean square by the independent errors."""
+        """(S, S) quadratic form of the mean square error in the independent errors."""
         errors = _propagate(self.linear, self.space)[2][:, 0]
         return np.asarray(errors.T @ errors / len(errors))
 
     @cached_property
     def _inverse_rows(self) -> np.ndarray:
-        """(S, 17 + P) pseudoinverse of `rig_rows`; their units differ."""
+        """(S, 17 + P) pseudoinverse of `rig_rows`, scaled because their units differ."""
         size = np.linalg.norm(self.rig_rows, axis=1)
         unit = 1.0 / np.where(size > 0.0, size, 1.0)
         return np.asarray(np.linalg.pinv(unit[:, None] * self.rig_rows, rcond=1e-9) * unit)
 
     def _gained(self, covariance: np.ndarray) -> np.ndarray:
-        """(S, S) by how much the independent errors' covariance is less than one."""
+        """(S, S) decrease of the independent errors' covariance from the identity."""
         less = self._inverse_rows @ (self.covariance - covariance) @ self._inverse_rows.T
         return np.asarray(0.5 * (less + less.T))
 
@@ -558,7 +563,8 @@ class _SharedError:
 def _determined(
     rig_arrays: RigArrays, space: _ErrorSpace, touches: BudgetContacts, linear: _Linearization, with_moment: bool
 ) -> np.ndarray:
-    """(B,) whether the estimator would give numbers, as `contact.status` decides for contacts that fit well."""
+    """(B,) mask of the contacts for which the estimator would return numbers, as `contact.status` decides for
+    contacts that fit well."""
     sound = np.isfinite(linear.points).all(axis=(1, 2)) & (linear.usable >= ContactSettings.fewest_points)
     std = np.full((len(linear), 6), np.nan)
     if sound.any():
@@ -578,10 +584,9 @@ def _mean(rows: np.ndarray) -> dict[str, float]:
 
 
 def next_observations(made: Calibration) -> dict[str, Any]:
-    """The entry `guide` of rig.json: the shared error of distance over ordinary contacts, and up to three observations
-    that would lower it most, one after the other, each with the error after it; and in words. Empty for a wrong
-    calibration, for several cameras, and where no contact would come with numbers.
-    """
+    """The entry `guide` of rig.json: the shared error of distance over ordinary contacts, and up to three
+    observations that would lower it most, one after the other, each with the error after it; also in words. Empty
+    for a wrong calibration, for several cameras, and where no contact would be determined."""
     try:
         error = None if made.rig.others or made.rig.verdict.severity == "wrong" else _SharedError.of(made.rig)
         left = [] if error is None else further_observations(made)
@@ -613,7 +618,7 @@ def next_observations(made: Calibration) -> dict[str, Any]:
 
 
 def _words(now_m: float, steps: list[dict[str, Any]]) -> str:
-    """A sentence for a person."""
+    """The suggested observations in a sentence."""
     if not steps:
         least = f"{100 * GuideSettings.least_load_gain:.0f} %"
         return (

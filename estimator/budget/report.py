@@ -20,7 +20,7 @@ SCHEMA = "vbaa.budget/1"
 
 
 def table(budget: Budget) -> str:
-    """The budget of distance, force and point for people."""
+    """The budget of distance, force and point as a text table."""
     many = "contact" if budget.asked == 1 else "contacts"
     lines = [f"{len(budget.touches)} of {budget.asked} {many} would come with numbers; deviations are rms over them."]
     for name in TABLES:
@@ -31,7 +31,8 @@ def table(budget: Budget) -> str:
 
 
 def advice(budget: Budget) -> list[str]:
-    """What to improve first, with the number: for distance, force and point, overall, and of the calibration."""
+    """Sentences on what to improve first and by how much: for distance, force and point, overall, and of the
+    calibration."""
     lines = [f"{RESULT_NAMES[name]}: {_first(budget.results[name], name)}" for name in ADVISED]
     first, of_rig = budget.first, budget.first_of_rig
     gain, (name, _, remedy) = 100 * budget.gain(first), CAUSES[first]
@@ -62,7 +63,7 @@ def advice(budget: Budget) -> list[str]:
 
 
 def as_data(budget: Budget) -> dict[str, Any]:
-    """The budget as plain data; deviations in m and N."""
+    """The budget as plain data; standard deviations in m and N."""
     return {
         "contacts": len(budget.touches),
         "asked": budget.asked,
@@ -92,7 +93,7 @@ def as_data(budget: Budget) -> dict[str, Any]:
 
 
 def contacts_as_data(budget: Budget) -> list[dict[str, Any]]:
-    """Each contact's deviations, m and N, and how they are made up."""
+    """Each contact's standard deviations, m and N, and their contributions by cause."""
 
     def deviations(row: np.ndarray) -> dict[str, float]:
         return {name: float(np.sqrt(values[0])) for name, values in per_result(row[None]).items()}
@@ -110,7 +111,7 @@ def contacts_as_data(budget: Budget) -> list[dict[str, Any]]:
 
 
 def _sum_of(budget: Budget) -> np.ndarray:
-    """(B, 6) variance of all causes together."""
+    """(B, 6) variances due to all causes together."""
     return np.sum(list(budget.variances.values()), axis=0)
 
 

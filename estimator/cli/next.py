@@ -37,7 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict[str, Any]:
-    """Say where to touch next, and what it should tell."""
+    """Print where to touch next, and how much that would reduce the uncertainty."""
     from estimator.object.next_touch import JointLimits, next_touch
     from estimator.table.files import read_contacts
     from vbaa_calib.cli.usable_rig import usable_rig
@@ -61,7 +61,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _limits(args: argparse.Namespace, name: str) -> tuple[float, float] | None:
-    """rad. Raises InputError for limits that are none."""
+    """A pair of limits of a joint, rad. Raises InputError for invalid ones."""
     limits = getattr(args, name)
     if limits is None:
         return None

@@ -1,4 +1,5 @@
-"""`vbaa refine contacts.csv --rig rig.json --session SESSION -o refined.csv`: a recording as one."""
+"""`vbaa refine contacts.csv --rig rig.json --session SESSION -o refined.csv`: all frames of a recording in one
+problem."""
 
 from __future__ import annotations
 
@@ -51,7 +52,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict[str, Any]:
-    """Solve the recording as one, write refined.csv and, where asked for, the rig."""
+    """Solve the recording in one problem, write refined.csv and, if asked for, the rig."""
     from estimator.recording import refine
     from estimator.table.files import check_format, read_contacts, write_contacts
     from vbaa_calib.rig import Rig
@@ -102,7 +103,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
 def _recording(
     table: ContactTable, rig_json: Path, folder: Path, accept_rig: bool, within_s: float = 1e-6
 ) -> tuple[Rig, Session, Sequence[Measured]]:
-    """A rig, and what the frames of the table were measured to be. Raises InputError where the session has others."""
+    """The rig, and the measurements of the table's frames. Raises InputError where the session has other frames."""
     import numpy as np
 
     from estimator.contact.estimate import ContactEstimator
@@ -152,7 +153,7 @@ def _words(found: Refined) -> list[str]:
 
 
 def _document(args: argparse.Namespace, found: Refined) -> dict[str, Any]:
-    """rig.json as the recording tells it, with where it came from."""
+    """rig.json with the refined rig and its provenance."""
     inputs = {path.name: sha256(path) for path in (args.rig, args.contacts)}
     return {
         **found.rig.to_dict(),

@@ -40,7 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict[str, Any]:
-    """Follow the recording and write track.csv. Returns the events and how many frames are in each phase."""
+    """Track the recording and write track.csv. Returns the events and the number of frames in each phase."""
     from estimator.contact.common_errors import shared_errors
     from estimator.object.track import follow, smooth
     from estimator.table.files import check_format, read_contacts, write_contacts
@@ -89,7 +89,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _as_csv(table: ContactTable, track: Track) -> str:
-    """track.csv: a line for every frame of the table."""
+    """The text of track.csv: a line for every frame of the table."""
     import numpy as np
 
     def cell(value: float, digits: int = 9) -> str:

@@ -1,8 +1,8 @@
-"""How far the readings' clock is from the pictures': the moment and the bent picture must agree.
+"""Offset between the readings' clock and the pictures', from the agreement of moment and bending.
 
-One camera hardly sees the force along its line of sight, so that a picture does not say what the sensor must read. But
-while the antenna is pressed, the direction of the force changes slowly: the moment follows the bend that is seen, by a
-factor that is nearly the same for a second. At the right offset it does so best.
+A single camera hardly sees the force along its line of sight, so that a picture does not determine what the sensor must
+read. But while the antenna is pressed, the direction of the force changes slowly: the moment is proportional to the
+visible bending, by a factor that is nearly constant over a second. The offset is where that fits best.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from .recording import Ground, detected
 
 @dataclass(frozen=True)
 class _ClockSettings:
-    """How the offset of the readings' clock is searched, and when it is determined."""
+    """Settings of the search for the clocks' offset, and thresholds from which it is determined."""
 
     farthest_s: float = 1.0  # the offset is searched so far to either side
     most_pictures: int = 3000  # of a recording, its first ones
@@ -49,8 +49,7 @@ class _ClockSettings:
 
 @dataclass(frozen=True)
 class _ClockOffset:
-    """What is added to the readings' times to have them on the pictures' clock, its deviation, and from how many
-    pictures."""
+    """Offset to add to the readings' times, s, its standard deviation, and the number of pictures used."""
 
     offset_s: float
     std_s: float
@@ -59,15 +58,15 @@ class _ClockOffset:
 
 @dataclass(frozen=True, eq=False)
 class _Windows:
-    """Pictures in windows of time: times (B,), where windows begin (W,), and by what the moment is explained in each
-    (B, P)."""
+    """Pictures grouped in windows of time: times (B,), first indices of the windows (W,), and regressors of the
+    moment (B, P)."""
 
     times_s: np.ndarray
     begins: np.ndarray
     features: np.ndarray
 
     def explained(self, values: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """(K, B) the part of values (K, B) with weights (K, B) that each window's features explain by least squares."""
+        """(K, B) fit of values (K, B) with weights (K, B) by each window's regressors, by least squares."""
         weighted = weight[..., None] * self.features
         normal = np.add.reduceat(weighted[..., None] * self.features[:, None, :], self.begins, axis=1)
         side = np.add.reduceat(weighted * values[..., None], self.begins, axis=1)
@@ -78,7 +77,7 @@ class _Windows:
 
 
 class _Readings:
-    """The readings about y, averaged over `width_s` to either side, so that noise does not depend on the instant."""
+    """Readings about y, averaged over `width_s` to either side, so that their noise does not depend on the time."""
 
     def __init__(self, times_s: np.ndarray, values: np.ndarray, picture_s: float, is_moment: bool = True) -> None:
         self.times_s, self.values, self.is_moment = times_s, values, is_moment
@@ -112,8 +111,8 @@ def recorded_clock_offset(
     ground: Ground | None,
     camera: str = "",
 ) -> _ClockOffset:
-    """`_clock_offset` of a recorded source, which `opened` opens: about what the times of logging show, or about the
-    same clock where these show nothing; and where that fails, about where both begin together (`apart_s`).
+    """`_clock_offset` of a recorded source, that `opened` opens: searched around the offset of the logging times, or
+    around zero where these are unknown; if that fails, around the offset at which both begin together (`apart_s`).
 
     camera : that of a further camera's clock instead, against the first one's: the bend that one sees must follow the
     bend that the other sees. `opened` then takes what is added to its times. Raises InputError as that does.
@@ -154,7 +153,7 @@ def _camera_offset(
     ground: Ground | None,
     camera: str,
 ) -> _ClockOffset:
-    """The same of a further camera's clock against the first one's. Raises InputError."""
+    """The offset of a further camera's clock from the first one's. Raises InputError."""
     begins: dict[str, list[float]] = {name: [] for name in estimator.rig.cameras}
 
     def alone(name: str, about_s: float) -> MessageSource:
@@ -194,7 +193,7 @@ def _camera_offset(
 
 
 def _joined(source: MessageSource, read: Sequence[Reading], offset_s: float) -> MessageSource:
-    """A source with its readings in turn with the pictures, as they come once their clock is put on by an offset."""
+    """A source merged with its readings in order of arrival, with an offset added to their clock."""
 
     def messages() -> Messages:
         taken = (each for each in source.messages() if isinstance(each, Taken))
@@ -208,7 +207,7 @@ def _joined(source: MessageSource, read: Sequence[Reading], offset_s: float) -> 
 def _measured(
     estimator: ContactEstimator, source: MessageSource, timing: Timing, ground: Ground | None
 ) -> list[Measured]:
-    """What the first pictures of a source show."""
+    """Measurements of a source's first pictures."""
     # the joints' angles hardly change by what the clocks are apart
     patient = replace(timing, wait_s=2.0 * _ClockSettings.farthest_s)
     synchronizer = Synchronizer(patient, source.channels, estimator.rig.image_sizes, live=False)
@@ -238,7 +237,7 @@ def _clock_offset(
     readings_Nm: np.ndarray,
     farthest_s: float = _ClockSettings.farthest_s,
 ) -> _ClockOffset:
-    """The offset of the readings' clock, within `farthest_s`, from pictures and readings with motion in both.
+    """The offset of the readings' clock, within `farthest_s`, from pictures and readings during motion.
 
     Its deviation comes from how the readings scatter about what the bend explains, with what neighbours share.
 
@@ -268,7 +267,7 @@ def _followed(
     noise_Nm: float,
     farthest_s: float,
 ) -> _ClockOffset:
-    """The same of readings of anything that follows the bend, with their noise. Raises InputError."""
+    """The offset of any readings that are proportional to the bending, with their noise. Raises InputError."""
     windows = _windows(estimator, several, np.full(len(several), np.nan))
     if np.std(readings.values) < _ClockSettings.least_signal_std * noise_Nm:
         raise _refused("the moment that is read hardly changes")
@@ -313,7 +312,8 @@ def _refined(
     offset_s: float,
     noise_Nm: float,
 ) -> tuple[float, float, _Windows]:
-    """The part of the moment's change that is left unexplained, the offset and the windows, from an offset near by."""
+    """The unexplained fraction of the moment's variation, the offset and the windows, starting from an approximate
+    offset."""
     windows, cost = None, np.inf
     for step_s in _ClockSettings.steps_s:
         # where the line of sight lies at a bent antenna depends on the force along it, which the moment shows
@@ -338,8 +338,9 @@ def _refused(what: str) -> InputError:
 
 
 def _bends(estimator: ContactEstimator, several: Sequence[Measured]) -> tuple[list[Measured], np.ndarray, np.ndarray]:
-    """The pictures in which an antenna is seen, their times (B,), and the moment at the clamp (B,) of the force across
-    the line of sight, which a picture shows well, in the solver's unit. Raises InputError where they are too few."""
+    """The pictures in which an antenna is detected, their times (B,), and the clamp moment (B,), in the solver's
+    unit, of the force across the line of sight, which pictures determine well. Raises InputError where there are too
+    few."""
     numbers = estimator.measure_batch(several).numbers if several else None
     usable = np.zeros(0, bool) if numbers is None else numbers.finite & np.isfinite(numbers.unknowns[:, :3]).all(axis=1)
     if numbers is None or usable.sum() < 3 * _ClockSettings.window_frames:
@@ -352,7 +353,8 @@ def _bends(estimator: ContactEstimator, several: Sequence[Measured]) -> tuple[li
 
 
 def _windows(estimator: ContactEstimator, several: Sequence[Measured], moments_Nm: np.ndarray) -> _Windows:
-    """The pictures in which an antenna is seen, fitted with these moments (B,), and what explains the moment in them.
+    """The pictures in which an antenna is detected, fitted with these moments (B,), with the regressors of the
+    moment.
 
     Raises InputError where they are too few.
     """
@@ -377,7 +379,7 @@ def _windows(estimator: ContactEstimator, several: Sequence[Measured], moments_N
 
 
 def _window_of(times_s: np.ndarray, bend: np.ndarray) -> np.ndarray:
-    """(B,) in which window each picture is: another begins just before a touch does, and after `window_s`."""
+    """(B,) window index of each picture: a new window begins just before a touch, and after `window_s`."""
     touched = bend > _ClockSettings.free_bend * np.quantile(bend, 0.98)
     length_s = max(_ClockSettings.window_s, _ClockSettings.window_frames * float(np.median(np.diff(times_s))))
     begins = [0]
@@ -392,8 +394,8 @@ def _window_of(times_s: np.ndarray, bend: np.ndarray) -> np.ndarray:
 def _cost(
     windows: _Windows, readings: _Readings, offsets: np.ndarray, noise_Nm: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(K,) the part of the moment's change that the bend does not explain at offsets (K,); infinite where too few
-    pictures have readings. With robust weights (K, B)."""
+    """(K,) fraction of the moment's variation that the bending does not explain at offsets (K,), with robust weights
+    (K, B); infinite where too few pictures have readings."""
     values, there = readings.at(windows.times_s - offsets[:, None])
     base = weight = there.astype(float)
     for _ in range(_ClockSettings.reweightings):
@@ -409,7 +411,7 @@ def _cost(
 
 
 def _judged(windows: _Windows, readings: _Readings, offset_s: float, noise_Nm: float) -> _ClockOffset:
-    """The offset with its deviation. Raises InputError where too little moves."""
+    """The offset with its standard deviation. Raises InputError where there is too little motion."""
     _, weight = _cost(windows, readings, np.array([offset_s]), noise_Nm)
     by_s = max(readings.step_s, 0.5 * readings.width_s)
     at = windows.times_s - offset_s
@@ -434,7 +436,7 @@ def _judged(windows: _Windows, readings: _Readings, offset_s: float, noise_Nm: f
 
 
 def _with_neighbours(score: np.ndarray) -> float:
-    """Variance of the sum of scores (B,) in order, with what neighbours have in common, as far as it goes."""
+    """Variance of the sum of scores (B,) in order, including the correlation of neighbours as far as it extends."""
     score = score - score.mean()
     variance = float(score @ score)
     total, least = variance, 2.0 / np.sqrt(len(score))

@@ -1,4 +1,4 @@
-"""What the frames of a recording have in common: the calibration's errors, which no number of frames averages out."""
+"""Errors that the frames of a recording share: those of the calibration, which no number of frames averages out."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _RUNG = "elastica"  # by which contacts are moved
 
 @dataclass(frozen=True, eq=False)
 class CommonErrors:
-    """How far B frames' results are off, world frame, for each of S independent errors of unit deviation.
+    """Changes of B frames' results, world frame, per standard deviation of each of S independent shared errors.
 
     The errors are the rig's (pose, antenna, sensor, lens), those of the joint axes, and, last, the friction angle as
     far as a frame does not determine it: neighbouring contacts have similar friction.
@@ -40,12 +40,12 @@ class CommonErrors:
 
     @property
     def known(self) -> bool:
-        """Whether there are common errors to separate from noise."""
+        """Whether there are shared errors to separate from noise."""
         return self.point_m.shape[2] > 0
 
     @staticmethod
     def none(table: ContactTable) -> CommonErrors:
-        """Errors of frames without a known rig: all of their covariance counts as their own."""
+        """No shared errors, for frames without a known rig: all of their covariance counts as their own."""
         nothing = np.zeros((len(table), 3, 0))
         return CommonErrors(nothing, nothing, nothing, table.covariance_world_m2)
 
@@ -78,7 +78,7 @@ def shared_errors(rig: Rig, table: ContactTable, friction_rad: float | None = No
 
 
 def _rest(covariance_m2: np.ndarray, modes_m: np.ndarray) -> np.ndarray:
-    """(B, 3, 3) covariances less what the modes (B, 3, S) explain, without negative variances."""
+    """(B, 3, 3) covariances without what the modes (B, 3, S) explain, positive semidefinite."""
     rest = covariance_m2 - modes_m @ np.swapaxes(modes_m, 1, 2)
     sound = np.isfinite(rest).all(axis=(1, 2))
     values, vectors = np.linalg.eigh(np.where(sound[:, None, None], rest, 0.0))
@@ -89,7 +89,7 @@ def _rest(covariance_m2: np.ndarray, modes_m: np.ndarray) -> np.ndarray:
 def _moved(
     rig_arrays: RigArrays, table: ContactTable, rows: np.ndarray, pan: np.ndarray, tilt: np.ndarray
 ) -> np.ndarray:
-    """(B, 9, S) of world point, force and tangent of these rows."""
+    """(B, 9, S) derivatives of world point, force and tangent of these rows by the shared errors."""
     rotation, _ = rig_arrays.rig.kinematics.world_antenna(pan, tilt)
     gravity = np.einsum("bji,j->bi", rotation, rig_arrays.rig.gravity_world_m_s2)
     frames = empty_frames(rig_arrays, gravity)
@@ -121,8 +121,8 @@ def _moved(
 
 
 def unknowns_of(frames: Frames, table: ContactTable, rows: np.ndarray) -> np.ndarray:
-    """The solver's unknowns (B, 4), see `rig_arrays.UNKNOWNS`, of a table's contacts: their pushes are such that, with
-    friction, they make the table's forces, as far as these are known."""
+    """(B, 4) solver unknowns (`rig_arrays.UNKNOWNS`) of a table's contacts, with the pushes that, with friction,
+    give the table's forces, as far as these are known."""
     rig_arrays = frames.rig_arrays
     force = np.nan_to_num(np.stack([table.force_y_N[rows], table.force_z_N[rows]], axis=1))
     unknowns = np.zeros((len(rows), UNKNOWNS))
@@ -138,7 +138,8 @@ def unknowns_of(frames: Frames, table: ContactTable, rows: np.ndarray) -> np.nda
 
 
 def _errors(frames: Frames, unknowns: np.ndarray, distance_std: np.ndarray) -> np.ndarray:
-    """(B, R + 1, 4 + R) how far a fit's unknowns and rig steps end up off for each rig error, and for friction.
+    """(B, R + 1, 4 + R) errors of a fit's unknowns and rig steps for each unit error of the rig, and of the friction
+    angle.
 
     How many points a frame really had shows in the deviation (B,) of its distance, in antenna lengths.
     """
@@ -152,8 +153,8 @@ def _errors(frames: Frames, unknowns: np.ndarray, distance_std: np.ndarray) -> n
 
 
 def _as_certain(points: np.ndarray, others: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Covariances (B, K, K) of the information of points and of all else, with the weight of the points that gives the
-    first unknown these variances (B,), as far as any weight does."""
+    """Covariances (B, K, K) from the information of the points, weighted, and of everything else, with the weight
+    that gives the first unknown these variances (B,), as far as any weight does."""
     # L Lᵀ = points + others, L⁻¹ points L⁻ᵀ = V Λ Vᵀ: the first unknown has the variance Σ (V' L⁻¹ e₀)²/(1 + (w − 1) Λ)
     inverse = np.linalg.inv(np.linalg.cholesky(points + others))
     values, vectors = np.linalg.eigh(inverse @ points @ np.swapaxes(inverse, 1, 2))
@@ -168,7 +169,7 @@ def _as_certain(points: np.ndarray, others: np.ndarray, variance: np.ndarray) ->
 
 
 def _by_axes(rig_arrays: RigArrays, values: np.ndarray, pan: np.ndarray, tilt: np.ndarray) -> np.ndarray:
-    """(B, 3, 3, 3) of point, force and tangent (B, 3, 3), world frame, by skew, offset and tilt zero."""
+    """(B, 3, 3, 3) derivatives of point, force and tangent (B, 3, 3), world frame, by skew, offset and tilt zero."""
     turned, shifted = rig_arrays.rig.kinematics.by_axes(pan, tilt)
     moved = np.einsum("kbij,bqj->bqik", turned, values)
     moved[:, 0] += np.moveaxis(shifted, 0, -1)
@@ -182,15 +183,15 @@ def empty_frames(rig_arrays: RigArrays, gravity_m_s2: np.ndarray) -> Frames:
 
 
 def _silent(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """No readings (B, 6), and no antenna's end (B, 3)."""
+    """Missing readings (B, 6), and missing antenna ends (B, 3)."""
     return np.full((count, len(READINGS)), np.nan), np.full((count, 3), np.nan)
 
 
 def noise_free_frames(
     empty: Frames, rung: str, unknowns: np.ndarray, sensor_available: np.ndarray, *, point_per_px: bool
 ) -> Frames:
-    """Frames that show contacts with these unknowns (B, 4), with the readings that are available (B,), or (B, S)
-    as `RigArrays.sensors`.
+    """Noise-free frames of contacts with these unknowns (B, 4), with the available readings (B,), or (B, S) as
+    `RigArrays.sensors`.
 
     All have the points of the longest, about one a pixel but not more than `most_points`; with `point_per_px` each
     point's deviation makes up for it, so that they weigh as much as one a pixel.

@@ -1,4 +1,4 @@
-"""The results of many frames: only the numbers that the data support; and each tested for motion with the others."""
+"""Results of many frames: only numbers that the data support, each frame tested for motion with its neighbours."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
 
     @cached_property
     def _ordinary(self) -> list[bool]:
-        """(B,) whether surely nothing is noticed about a contact that is ok but its model."""
+        """(B,) mask of the contacts that are ok without any remark but the model's name."""
         numbers, settings = self.numbers, ContactSettings
         with np.errstate(invalid="ignore"):
             noticed = ~numbers.force_determined.all(axis=1) | (numbers.scatter > 1.0)
@@ -98,13 +98,13 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
 
     @cached_property
     def _columns(self) -> dict[str, Any]:
-        """What a contact takes its entry of, by name: numbers and texts as Python has them, and arrays."""
+        """The columns from which a `Contact` is built, by name: numbers and texts as Python objects, and arrays."""
         columns = {name: getattr(self, name) for name in ContactEstimate.__dataclass_fields__}
         return {name: column.tolist() if column.ndim == 1 else column for name, column in columns.items()}
 
 
 def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch, model: str) -> Contacts:
-    """The results of a batch; their statuses decide which numbers are filled in. `model` is what was asked for."""
+    """The results of a batch; their statuses decide which numbers are filled in. model : the requested one."""
     pan_rad, tilt_rad = batch.pan_rad, batch.tilt_rad
     status = statuses(numbers)
     located = (status == OK) | (status == TIP)
@@ -169,12 +169,12 @@ def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch
 
 
 def _deviations(covariance: np.ndarray) -> np.ndarray:
-    """(B, K) roots of the diagonals of covariances (B, K, K)."""
+    """(B, K) standard deviations: roots of the diagonals of covariances (B, K, K)."""
     return np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
 
 
 def _by_axes(rig: Rig, numbers: FitNumbers, rotation: np.ndarray, by_axes: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """(B, 3, 3) added to the covariance of world points by errors of the joint axes, their own and the pose's."""
+    """(B, 3, 3) covariance of the world points due to the joint axes' errors, correlated with those of the pose."""
     kinematics, pose = rig.kinematics, slice(0, len(POSE_PARAMETERS))
     moved = _moved(by_axes, numbers.point_m[:, None])[:, 0]
     by_pose = moved @ kinematics.axes_by_pose
@@ -184,13 +184,14 @@ def _by_axes(rig: Rig, numbers: FitNumbers, rotation: np.ndarray, by_axes: tuple
 
 
 def _moved(by: tuple[np.ndarray, np.ndarray], points_m: np.ndarray) -> np.ndarray:
-    """(B, G, 3, K) by how much antenna points (B, G, 3) move in the world with K numbers that turn and shift it."""
+    """(B, G, 3, K) derivatives of the world positions of antenna points (B, G, 3) by K numbers that rotate and
+    translate it."""
     turned, shifted = by
     return np.asarray(np.einsum("kbij,bgj->bgik", turned, points_m) + np.moveaxis(shifted, 0, -1)[:, None])
 
 
 def with_joint_errors(contacts: Contacts, batch: Batch) -> Contacts:
-    """The same with what uncertain joint angles add to the covariance of the world points."""
+    """The contacts with the joint angles' uncertainty added to the covariance of the world points."""
     if batch.joint_errors_rad is None:
         return contacts
     by_joints = contacts.rig.kinematics.by_joints(batch.pan_rad, batch.tilt_rad)
@@ -200,7 +201,7 @@ def with_joint_errors(contacts: Contacts, batch: Batch) -> Contacts:
 
 @dataclass(frozen=True, eq=False)
 class MovingContacts:
-    """Contacts of B successive frames, and what testing them for motion needs.
+    """Contacts of B successive frames, with what is needed to test them for motion.
 
     push : (B, G, 3) by how many of its deviations a contact's distance is off for each N/m of load on each piece of the
         antenna, along the world's axes.
@@ -212,7 +213,7 @@ class MovingContacts:
 
 
 def moving(rig: Rig, several: Sequence[Measured], found: Contacts) -> MovingContacts:
-    """Contacts found in frames, not yet tested for motion; the rig's kinematics say how they stand in the world."""
+    """Contacts found in frames, not yet tested for motion, with their poses in the world by the rig's kinematics."""
     times = np.array([each.time_s for each in several], float)
     pan, tilt = (np.array([getattr(each, name) for each in several]) for name in ("pan_rad", "tilt_rad"))
     rotation, translation = rig.kinematics.world_antenna(pan, tilt)
@@ -232,8 +233,8 @@ def moving(rig: Rig, several: Sequence[Measured], found: Contacts) -> MovingCont
 
 
 def _at_rest(contact: Contact, shift: float) -> Contact:
-    """The contact, or that there is none to be had while the antenna swings: inertia moves the distance by `shift` of
-    its standard deviations."""
+    """The contact, or its status while the antenna vibrates: inertia shifts the distance by `shift` standard
+    deviations."""
     if not (abs(shift) > ContactSettings.largest_shift and contact.status in (OK, TIP)):
         return contact
     off_m = abs(shift) * contact.distance_std_m
@@ -251,7 +252,7 @@ def _at_rest(contact: Contact, shift: float) -> Contact:
 
 
 class MotionCheck:
-    """Contacts in, contacts out in the same order, tested for motion; some of them only once later frames are known.
+    """Tests contacts for motion, in order; some are returned only once later frames are known.
 
     live : by earlier frames alone, so that nothing waits.
     """
@@ -261,7 +262,7 @@ class MotionCheck:
         self._waiting: deque[tuple[MovingContacts, int]] = deque()
 
     def push(self, several: MovingContacts) -> Iterator[Contact]:
-        """The contacts that are ready once these frames are known."""
+        """The contacts that can be judged once these frames are known."""
         if not self._waiting and not np.isfinite(several.shapes.time_s).any():
             return iter(several.contacts)
         self._waiting.extend((several, index) for index in range(len(several.push)))

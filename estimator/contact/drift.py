@@ -1,4 +1,4 @@
-"""How a rig has changed since its calibration, learnt from the free antenna in a recording."""
+"""Changes of a rig since its calibration, estimated from the free antenna in a recording."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .inputs import Batch
 
 @dataclass(frozen=True)
 class DriftSettings:
-    """How the rig's drift is learnt from free frames."""
+    """Settings of the estimation of the rig's drift from free frames."""
 
     free_gain: float = 5.0  # evidence of the best force below which a frame is free: noise exceeds it in 2 %
     fewest_points: int = 20  # of a free frame
@@ -41,7 +41,7 @@ class DriftSettings:
 
 @dataclass(frozen=True, eq=False)
 class LearntRig:
-    """A rig, and its drift as learnt so far from the free antenna of a recording.
+    """A rig with its drift as estimated so far from the free antenna in a recording.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class LearntRig:
 
     @staticmethod
     def of(rig: Rig) -> LearntRig:
-        """Nothing learnt yet."""
+        """The rig before any free frame was used."""
         now = _in_covariance(rig.drifted(), rig)
         return LearntRig(
             rig,
@@ -76,24 +76,24 @@ class LearntRig:
         )
 
     def due(self, time_s: float) -> bool:
-        """Whether free frames at this time would add information."""
+        """Whether free frames at this time would add enough information."""
         return self.calibrated.drift.of_rig and (
             self.frames < DriftSettings.enough_frames or time_s > self.time_s + self.renewed_s
         )
 
     @property
     def renewed_s(self) -> float:
-        """After so long there is something to learn again."""
+        """Time, s, after which free frames add information again."""
         return DriftSettings.renewed_s if self.calibrated.drift.zero_hourly == 0.0 else DriftSettings.zero_renewed_s
 
     def reckoned_s(self, time_s: float) -> float:
-        """Until when the drift is taken to go on for a frame at some time: beyond the first `renewed_s` in steps of
-        that, so that frames near one another have the same rig."""
+        """The time up to which drift is extrapolated for a frame: rounded to steps of `renewed_s`, so that
+        neighbouring frames have the same rig."""
         steps = abs(time_s - self.time_s) / self.renewed_s
         return self.time_s + self.renewed_s * np.ceil(steps) if steps > 1.0 else self.time_s
 
     def later(self, time_s: float) -> LearntRig:
-        """With what may have changed until a time, or since: a random walk."""
+        """The rig with the covariance of a random walk until a time, or since it."""
         hours = abs(time_s - self.time_s) / 3600.0
         if not hours > 0.0:
             return self
@@ -107,7 +107,7 @@ class LearntRig:
         return replace(self, now=_in_covariance(later.with_covariance(covariance), self.now), time_s=time_s)
 
     def learn(self, batch: Batch, time_s: float) -> Generator[None, None, LearntRig]:
-        """From frames of which only the free ones are used, if there are any; in steps, as it takes a while."""
+        """Updates the drift from the free frames among these, if there are any (generator of work steps)."""
         if self.frames == 0 and self.searched >= DriftSettings.searched_first:
             some = np.arange(-self.searched % DriftSettings.then_every, len(batch), DriftSettings.then_every)
             if not len(some) or not (yield from self._free(batch.picked(some))).any():
@@ -133,19 +133,19 @@ class LearntRig:
         return LearntRig(self.calibrated, now, self.frames + len(agreeing), count, own, time_s, step, past, moments)
 
     def _free(self, batch: Batch) -> Generator[None, None, np.ndarray]:
-        """(B,) bool, frames of the free antenna."""
+        """(B,) mask of the frames of the free antenna."""
         frames = batch.frames(RigArrays.from_rig(self.now, 0.0))
         yield
         return (yield from _is_free(frames))
 
 
 def _in_covariance(widened: Rig, before: Rig) -> Rig:
-    """With the line's own errors as the only drift to come: the rest is in the covariance."""
+    """The rig with only the lines' own errors as future drift; all else is in its covariance."""
     return replace(widened, drift=replace(type(before.drift)(), line_px=before.drift.line_px))
 
 
 def _is_free(frames: Frames) -> Generator[None, None, np.ndarray]:
-    """(B,) bool, frames of the free antenna: no force on it explains them much better."""
+    """(B,) mask of the frames in which no force on the antenna improves the fit much."""
     gain = np.empty(len(frames))
     for begin in range(0, len(frames), DriftSettings.frames_at_once):
         rows = slice(begin, begin + DriftSettings.frames_at_once)
@@ -155,8 +155,8 @@ def _is_free(frames: Frames) -> Generator[None, None, np.ndarray]:
 
 
 def _posterior(batch: Batch, rig: Rig) -> Generator[None, None, tuple[Rig, np.ndarray, np.ndarray]]:
-    """The rig that explains frames of the free antenna best, its covariance, and what of the squares (K, L) of their
-    lines' errors, px², is not noise: of those K that do not contradict the others."""
+    """The rig that explains frames of the free antenna best, its covariance, and the part of the squared errors (K,
+    L) of their lines, px², that is not noise, for the K frames that do not contradict the others."""
     rig_arrays, moving = RigArrays.from_rig(rig, 0.0), rig
     axes, line = rig_arrays.axes, rig_arrays.line
     size, at = axes.shape[1], np.zeros(axes.shape[1])
@@ -189,8 +189,8 @@ def _posterior(batch: Batch, rig: Rig) -> Generator[None, None, tuple[Rig, np.nd
 
 
 def _agreeing(information: np.ndarray, sides: np.ndarray, from_prior: np.ndarray) -> np.ndarray:
-    """(B,) bool, frames that do not contradict the rig that the others and its prior determine: one that was moved or
-    misread must not move the rig for all. All of them where more than a third seem to.
+    """(B,) mask of the frames that do not contradict the rig determined by the others and its prior: a frame that
+    was moved or misread must not move the rig for all. All frames where more than a third would be rejected.
 
     information : (B, R, R), sides : (B, R) of each. from_prior : (R,) how far the rig is from its prior.
     """
@@ -211,9 +211,8 @@ def _agreeing(information: np.ndarray, sides: np.ndarray, from_prior: np.ndarray
 
 
 def _on_the_rig(equations: FreeAntennas, steps: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Information (B, R, R) and right side (B, R) of each frame on the rig, without its prior and the lines' own steps;
-    and (B, L, R + 1) the latter by the rig's, and by themselves.
-    """
+    """Information (B, R, R) and right side (B, R) of each frame on the rig, without its prior and with the lines'
+    own steps eliminated; and (B, L, R + 1) the lines' steps by the rig's, and at zero."""
     whole, side = equations.information, equations.side
     across = np.concatenate([whole[:, size:, :size], side[:, size:, None]], axis=2)
     by_shared = np.linalg.solve(whole[:, size:, size:], across) if whole.shape[1] > size else across
@@ -223,14 +222,15 @@ def _on_the_rig(equations: FreeAntennas, steps: np.ndarray, size: int) -> tuple[
 
 
 def parameter_changes(calibrated: Rig, change: np.ndarray, std: np.ndarray) -> dict[str, dict[str, float]]:
-    """By parameter: how far it has changed since the calibration, how well that is known, and what was possible."""
+    """By parameter: its change since the calibration, the standard deviation of that, and the prior one."""
     wide = calibrated.drifted()
     rows = zip(wide.parameter_names, change, std, np.sqrt(np.diag(wide.covariance)), strict=True)
     return {name: {"change": float(by), "std": float(own), "prior_std": float(was)} for name, by, own, was in rows}
 
 
 def summary(learnt: LearntRig) -> dict[str, Any]:
-    """What has changed, in numbers: each parameter's change, deviation, and deviation beforehand; SI units and px.
+    """The rig's changes in numbers: each parameter's change, its posterior and its prior standard deviation; SI
+    units and px.
 
     `picture_px` is how far the free antenna has moved in the picture, rms along the part that is visible before and
     after, None where there is none; `moment_zero_std` the sensor's zero, in standard deviations of its noise, None
@@ -265,7 +265,7 @@ def summary(learnt: LearntRig) -> dict[str, Any]:
 
 
 def drift_in_words(changed: Mapping[str, Any], *, watched: bool = True) -> list[str]:
-    """A recording's `summary`, a sentence each. `watched` : whether free frames would have been used."""
+    """A recording's `summary` in sentences. watched : whether free frames would have been used."""
     if not changed.get("free_frames"):
         return ["no frame shows the free antenna: begin with some, and the rig's drift costs less"] if watched else []
     seen = f"the free antenna, seen in {changed['free_frames']} frames"
@@ -277,15 +277,15 @@ def drift_in_words(changed: Mapping[str, Any], *, watched: bool = True) -> list[
 
 
 def _moved_in_words(changed: Mapping[str, Any]) -> str:
-    """How far the free antenna has moved and, where the moment was read, the sensor's zero."""
+    """The displacement of the free antenna and, where the moment was read, of the sensor's zero, in words."""
     picture, zero = changed["picture_px"], changed["moment_zero_std"]
     words = "shows no part that was in the picture before" if picture is None else f"has moved by {picture:.2g} px"
     return words if zero is None else f"{words}, and the sensor's zero by {zero:.2g} std"
 
 
 def _moved_px(rig: Rig, now: Rig) -> float | None:
-    """How far the free antenna, weightless, has moved across itself in the picture, px rms along what both rigs show of
-    it there; None where that is nothing."""
+    """Lateral displacement of the weightless free antenna in the picture, px rms over the part visible with both
+    rigs; None without one."""
     before, after = (_free_pixels(each) for each in (rig, now))
     with np.errstate(invalid="ignore"):
         tangent = np.gradient(before, axis=0)
@@ -296,6 +296,6 @@ def _moved_px(rig: Rig, now: Rig) -> float | None:
 
 
 def _free_pixels(rig: Rig) -> np.ndarray:
-    """(M, 2) the free antenna in the picture, weightless; NaN where the lens cannot show it."""
+    """(M, 2) pixels of the weightless free antenna; NaN where the lens cannot project it."""
     nodes = free_curve(rig.antenna.parameters, rig.antenna.length_m, np.zeros(3), rig.antenna.taper)
     return rig.camera.project(rig.T_antenna_camera.inverse() @ nodes.points_m[0])[0]

@@ -1,4 +1,4 @@
-"""The estimator: centrelines, moments and joint angles in, contacts with their uncertainty out."""
+"""The estimator: from centrelines, moments and joint angles to contacts with their uncertainty."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ STREAM = 64
 
 
 class ContactEstimator:
-    """Contacts from centrelines, for one calibrated rig.
+    """Estimates contacts from centrelines, for one calibrated rig.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ class ContactEstimator:
 
     @cached_property
     def cameras(self) -> dict[str, Self]:
-        """An estimator for each camera of the rig alone, by name."""
+        """An estimator for each single camera of the rig, by name."""
         friction, jobs = self.friction_rad, self.jobs
         return {
             name: type(self)(one, self.model, friction=friction, jobs=jobs) for name, one in self.rig.cameras.items()
@@ -108,7 +108,7 @@ class ContactEstimator:
         moment_z: float | None = None,
         **options: Unpack[FrameOptions],
     ) -> Contact:
-        """One frame.
+        """The contact of one frame.
 
         Parameters
         ----------
@@ -144,7 +144,7 @@ class ContactEstimator:
         moment_z: float | None = None,
         **options: Unpack[FrameOptions],
     ) -> list[Contact]:
-        """Both contacts of a frame that shows two, the nearer one first; else the one of `estimate`.
+        """Both contacts of a frame with two, the nearer one first; else the one of `estimate`.
 
         The parameters are those of `estimate`, without jacobian. Two contacts are searched where no single one explains
         the frame, and reported where the frame determines both; otherwise the single contact's reason names them. The
@@ -161,8 +161,8 @@ class ContactEstimator:
         return both_contacts(one, contacts.numbers.unknowns[0], self._rig_arrays, batch)
 
     def measure_two(self, measured: Measured) -> list[Contact]:
-        """Both contacts of a frame that was checked already, as `estimate_two` gives them, by the rig as the last
-        recording's free frames have it. The antenna must be uniform."""
+        """`estimate_two` for a validated frame, with the rig as updated by the last recording's free frames. The
+        antenna must be uniform."""
         if self._learnt is None or self._learnt.drift is not self.drift:
             self._learnt = self._with(self.drift)
         now = self._learnt
@@ -173,7 +173,7 @@ class ContactEstimator:
         return both_contacts(one, contacts.numbers.unknowns[0], now._rig_arrays, batch)
 
     def _checked(self, **data: Any) -> Batch:
-        """What `estimate_batch` takes, checked. Raises InputError."""
+        """The validated arguments of `estimate_batch`. Raises InputError."""
         read = {"moments": data["moments"], "moments_z": data["moments_z"], **(data.get("readings") or {})}
         joints = {name: data[name] for name in ("pans", "tilts")}
         plane: Mapping[str, Any] = {name: data[name] for name in ("plane_xy_m", "covariance_m2") if name in data}
@@ -190,7 +190,7 @@ class ContactEstimator:
         moments_z: Sequence[float | None] | np.ndarray | None = None,
         **options: Unpack[FrameOptions],
     ) -> Contacts:
-        """B frames at once: a sequence of `Contact`, and its columns as arrays.
+        """The contacts of B frames: a sequence of `Contact`, with its columns as arrays.
 
         Parameters
         ----------
@@ -217,7 +217,7 @@ class ContactEstimator:
 
     @gate
     def run(self, recording: Iterable[Measured], *, live: bool = False) -> Iterator[Contact]:
-        """A recording frame by frame, in order and in constant memory.
+        """Estimates a recording frame by frame, in order and in constant memory.
 
         Frames are taken `STREAM` at a time, and the solver begins at the last contact before them. Frames with times
         are tested for motion with those around them (`motion`), so that a contact comes out a little later. A recording
@@ -228,7 +228,7 @@ class ContactEstimator:
         return chain((each for measured in recording for each in stream.push(measured)), stream.finish())
 
     def after_free_frames(self, several: Sequence[Measured]) -> Generator[None, None, ContactEstimator]:
-        """The estimator for the rig as it is now: its drift is learnt from the free ones of some frames, in steps."""
+        """The estimator with the rig's drift updated from the free ones of some frames (generator of work steps)."""
         time_s = max(each.time_s for each in several)
         if not self.drift.due(time_s):
             return self
@@ -240,7 +240,7 @@ class ContactEstimator:
         return self
 
     def at(self, time_s: float) -> ContactEstimator:
-        """The estimator for the rig as it may be some time after its last free frames, or was before them."""
+        """The estimator with the rig's drift extrapolated to a time after its last free frames, or before the first."""
         if not (then_s := self.drift.reckoned_s(time_s)) > self.drift.time_s:
             return self
         if self._then is None or self._then[:2] != (self.drift, then_s):
@@ -253,15 +253,16 @@ class ContactEstimator:
         return later
 
     def measure(self, measured: Measured) -> Contact:
-        """One frame that was checked already."""
+        """The contact of one validated frame."""
         return self.measure_batch([measured])[0]
 
     def measure_batch(self, several: Sequence[Measured]) -> Contacts:
-        """Frames that were checked already, each by itself: unlike the other calls also with the antenna's end."""
+        """The contacts of validated frames, estimated independently; unlike the other calls also with the antenna's
+        end."""
         return self._contacts(Batch.of(self.rig, several))
 
     def rough(self, several: Sequence[Measured]) -> list[RoughFit | None]:
-        """A quick fit of each frame on a low rung. None with too few points."""
+        """A quick fit of each frame on a low rung; None for a frame with too few points."""
         frames = Batch.of(self.rig, several).frames(self._rig_arrays)
         found: list[RoughFit | None] = [None] * len(several)
         enough = np.flatnonzero(frames.usable.sum(-1) >= ContactSettings.fewest_points)
@@ -272,7 +273,7 @@ class ContactEstimator:
         return found
 
     def shape(self, measured: Measured) -> np.ndarray | None:
-        """(M, 3) nodes of the fitted antenna, antenna frame. None with too few points."""
+        """(M, 3) nodes of the fitted antenna, antenna frame; None with too few points."""
         frames = (batch := Batch.of(self.rig, [measured])).frames(self._rig_arrays)
         if int(frames.usable.sum()) < ContactSettings.fewest_points:
             return None
@@ -280,13 +281,13 @@ class ContactEstimator:
         return np.asarray(bend(frames, self._rung, found.unknowns[:, None]).points_m[0])
 
     def _contacts(self, batch: Batch, beam: Beam | None = None) -> Contacts:
-        """The frames' contacts; with a beam, also what testing for motion needs."""
+        """The frames' contacts; with a beam, also what is needed to test them for motion."""
         return last(self.contacts_in_parts(batch, beam, CHUNK))
 
     def contacts_in_parts(
         self, batch: Batch, beam: Beam | None, most: int, known: Mapping[int, FitNumbers] | None = None
     ) -> Generator[None, None, Contacts]:
-        """The same, so many frames from one step to the next: for who has other things to do in between.
+        """The frames' contacts, at most `most` frames a work step, for callers with other work in between.
 
         known : what this estimator has found for some of the frames, by index.
         """
@@ -321,7 +322,7 @@ class ContactEstimator:
         return replace(contacts, moment_residual_Nm=contacts.moment_residual_Nm / weights[:, 0])
 
     def _fitted(self, batch: Batch, frames: Frames, beam: Beam | None) -> FitNumbers:
-        """The fits of frames with enough points; frames that do not fit are tried again with other explanations."""
+        """The fits of frames with enough points; frames that do not fit are fitted again with other explanations."""
         fitted = self._solved(frames, batch.start, beam)
         frames = without_outliers(batch, frames, fitted, self._rung, lambda some: self._solved(some, None, beam))
         frames = self._without_impossible_tips(frames, fitted, beam)
@@ -334,8 +335,8 @@ class ContactEstimator:
         return solve(frames, self.model, start, None if beam is None else beam.pieces_m, self.jobs)
 
     def _without_impossible_tips(self, frames: Frames, fitted: FitNumbers, beam: Beam | None) -> Frames:
-        """Refit frames with an impossible antenna's end without it, as something else ended there. Returns the frames
-        as used."""
+        """Refit, without it, frames with an impossible end of the antenna (something else ended there). Returns the
+        frames as used."""
         with np.errstate(invalid="ignore"):
             impossible = np.abs(fitted.tip_std) > ContactSettings.outlying_end
         if not impossible.any():
@@ -347,14 +348,14 @@ class ContactEstimator:
         return frames
 
     def _with_drift(self, batch: Batch, fitted: FitNumbers, rows: np.ndarray) -> None:
-        """Fit frames that no contact explains once more, the rig free to change: would that explain them?"""
+        """Refit frames that no contact explains with the rig free to change, to test whether that explains them."""
         loose = RigArrays.from_rig(replace(self.rig, drift=DRIFTS["rough"]), self.friction_rad)
         again = self._solved(batch.picked(rows).frames(loose))
         fitted.explained_drifted[rows] = ~unexplained(again)
         fitted.drift_px[rows], fitted.drift_readings[rows] = again.drift_px, again.drift_readings
 
     def _without_reading(self, frames: Frames, fitted: FitNumbers, rows: np.ndarray) -> None:
-        """Fit frames that no contact explains once more by the picture alone: does it contradict the readings?"""
+        """Refit frames that no contact explains from the picture alone, to test whether it contradicts the readings."""
         if len(rows):
             alone = frames.picked(rows)
             silent = alone.with_available(0.0, alone.ends)
@@ -362,8 +363,8 @@ class ContactEstimator:
 
 
 class ContactStream:
-    """Frames in, one at a time, contacts out in the same order: what `ContactEstimator.run` does, for frames that come
-    when they come.
+    """Takes frames one at a time and returns contacts in the same order, as `ContactEstimator.run` does, for frames
+    that come in real time.
 
     live : each frame is answered as it comes, from those before it; else `STREAM` at a time, as a recording's.
     little_by_little : a `push` does only a short step or few, such as to solve one frame. The contacts are the same.
@@ -394,11 +395,12 @@ class ContactStream:
 
     @property
     def drift(self) -> LearntRig:
-        """The rig's drift as learnt so far."""
+        """The rig's drift as estimated so far."""
         return self._now.drift
 
     def push(self, measured: Measured, hurried: bool = False) -> Iterator[Contact]:
-        """The contacts that are ready with this frame, its own among them or not. `hurried` : others wait already."""
+        """The contacts that are ready with this frame, which may or may not include its own. hurried : whether other
+        frames wait already."""
         if not isinstance(measured, Measured):
             raise InputError(f"the recording holds {quoted(measured)}", remedy="give a Measured for each frame")
         self._coming.append(measured)
@@ -410,11 +412,11 @@ class ContactStream:
         )
 
     def idle(self) -> Iterator[Contact]:
-        """Contacts from one step of the waiting work, to be called in the time before the next frame."""
+        """Contacts from one step of the pending work, to be called in the time before the next frame."""
         return self._worked(1)
 
     def finish(self) -> Iterator[Contact]:
-        """The contacts of all frames that wait, at the end of the stream."""
+        """The contacts of all pending frames, at the end of the stream."""
         if self._coming:
             self._work.append(self._taken(self._coming))
         yield from self._worked(None)
@@ -423,7 +425,7 @@ class ContactStream:
         yield from self._motion.finish()
 
     def _worked(self, steps: int | None) -> Iterator[Contact]:
-        """The contacts that so many steps of the work give, at most; None: all of it."""
+        """The contacts that at most so many work steps give; None: all of the work."""
         while self._work and steps != 0:
             for contacts in self._work[0]:
                 yield from contacts or ()
@@ -444,7 +446,7 @@ class ContactStream:
             yield from self._solved()
 
     def _solved(self) -> Generator[list[Contact] | None, None, None]:
-        """The work on the batches that waited, by what is known of the rig now."""
+        """The work on the pending batches, with the present estimate of the rig."""
         now, ready, self._waiting = self._now, self._waiting, []
         for several in ready:
             found = yield from self._search(now, several)
@@ -454,7 +456,7 @@ class ContactStream:
                 yield part
 
     def _search(self, now: ContactEstimator, several: list[Measured]) -> Generator[None, None, MovingContacts]:
-        """The contacts of a batch: the solver begins at the last one before.
+        """The contacts of a batch, with the solver started at the previous contact.
 
         What the stream of the same frames has found for one that has a start of its own is found again by the same
         estimator, so it is not searched.
@@ -484,7 +486,8 @@ def _as_batch(
     moment_z: float | None,
     options: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """The arguments of `estimate_batch` for one frame. Raises InputError for wrong shapes, and what is no number."""
+    """The arguments of `estimate_batch` for one frame. Raises InputError for wrong shapes, and for what is not a
+    number."""
     lines: dict[str, Any] = {"centreline_px": centreline_px, **options}
     shapes = {"centreline_px": "(N, 2) pixels", "plane_xy_m": "(N, 2) m on plane C, of one camera"}
     points = np.empty((0, 2))

@@ -1,4 +1,4 @@
-"""What users give, checked and brought to one shape."""
+"""Validation of users' measurements, and their conversion to one form."""
 
 from __future__ import annotations
 
@@ -37,8 +37,9 @@ Lines = np.ndarray | Sequence[np.ndarray]
 
 
 class FrameOptions(TypedDict, total=False):
-    """Centrelines in metres, in place of pixels: (N, 2) on plane C, and (N, 2, 2) m² or (2, 2) of all points; what a
-    wrench sensor reads other than the moments about y and z, by columns; and whether contacts get their derivatives."""
+    """Optional measurements: centrelines in metres in place of pixels, (N, 2) on plane C, with covariances (N, 2, 2)
+    m² or (2, 2) for all points; a wrench sensor's readings other than the moments about y and z, by column; and
+    whether contacts get their derivatives."""
 
     plane_xy_m: Any
     covariance_m2: Any
@@ -48,7 +49,7 @@ class FrameOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, eq=False)
 class Batch(Rows):
-    """The measurements of B frames, checked.
+    """The validated measurements of B frames.
 
     Attributes
     ----------
@@ -84,12 +85,13 @@ class Batch(Rows):
     seen: np.ndarray | None = None
 
     def weights(self, rig_arrays: RigArrays) -> np.ndarray | None:
-        """(B, S) the sensors' noise by all of the readings' deviation; None where there is nothing but noise."""
+        """(B, S) ratios of the sensors' noise to the readings' total standard deviation; None where there is noise
+        alone."""
         std = rig_arrays.std[rig_arrays.sensors]
         return None if self.errors_Nm is None else std / np.hypot(std, self.errors_Nm[:, : len(std)])
 
     def frames(self, rig_arrays: RigArrays) -> Frames:
-        """As the solver takes them, for one rig."""
+        """The frames in the solver's form, for one rig."""
         rotation, _ = rig_arrays.rig.kinematics.world_antenna(self.pan_rad, self.tilt_rad)
         gravity = np.einsum("bji,j->bi", rotation, rig_arrays.rig.gravity_world_m_s2)
         frames = self._ideal(rig_arrays, gravity)
@@ -134,7 +136,7 @@ class Batch(Rows):
 
     @staticmethod
     def _of_cameras(parts: Sequence[Batch]) -> Batch:
-        """The frames of which each part is what one of the rig's cameras saw; all else as in the first."""
+        """Frames of several cameras, from one batch for each; everything but the points is the first one's."""
         count, wide = len(parts[0].points_px), [part.points_px.shape[1] for part in parts]
 
         def together(values: Callable[[Batch], np.ndarray]) -> np.ndarray:
@@ -181,7 +183,7 @@ class Batch(Rows):
 
     @staticmethod
     def of(rig: Rig, several: Sequence[Measured], warm: np.ndarray | None = None) -> Batch:
-        """Frames that were checked already. `warm` (4,): where those without a start of their own begin."""
+        """The batch of validated frames. warm : (4,) initial value of those without one of their own."""
         if rig.others:
             ones = [replace(rig, others={}), *rig.others.values()]
             own = [several, *([each.of_camera(name) for each in several] for name in rig.others)]
@@ -221,7 +223,8 @@ class Batch(Rows):
         sigma_px: np.ndarray | float | Mapping[str, np.ndarray | float] | None,
         plane: Mapping[str, Any],
     ) -> Batch:
-        """Frames as users give them, with moments about y and z, further readings, pan and tilt. Raises InputError."""
+        """The batch from users' arguments: centrelines, moments about y and z, further readings, pan and tilt.
+        Raises InputError."""
         if rig.others:
             return Batch._of_cameras(_by_camera(rig, centrelines_px, readings, joints, sigma_px, plane))
         points, own, shape = _lines(rig, centrelines_px, sigma_px, plane.get("plane_xy_m"), plane.get("covariance_m2"))
@@ -254,7 +257,7 @@ def _by_camera(
     sigma_px: Any,
     plane: Mapping[str, Any],
 ) -> list[Batch]:
-    """What each of several cameras saw, by name. Raises InputError."""
+    """Each camera's measurements, by name. Raises InputError."""
     names = ", ".join(rig.cameras)
     remedy = f"give {{name: (N, 2) pixels}} of some of its cameras: {names}"
     if plane.get("plane_xy_m") is not None:
@@ -274,7 +277,7 @@ def _by_camera(
 
 
 def outside(points_px: np.ndarray, image_size: tuple[int, int]) -> np.ndarray:
-    """(...) bool: which points (..., 2) no picture (width, height) shows: a tracker's misses, u and v exchanged.
+    """(...) mask of the points (..., 2) outside a picture (width, height): a tracker's errors, or u and v exchanged.
 
     Those at most a twentieth of its longer side off count as inside: curves through a tracker's points go on a little.
     """
@@ -285,7 +288,7 @@ def outside(points_px: np.ndarray, image_size: tuple[int, int]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class OutlierSettings:
-    """Which points of a frame are gross errors, and how the scatter of the others is measured."""
+    """Thresholds of gross errors among a frame's points, and settings of the measured scatter of the others."""
 
     std: float = 30.0  # distance from where a point's neighbours lie, in its standard deviations: no noise gets there
     px: float = 3.0  # the same in pixels, at least: where points are precise, a wrong shape is no gross error
@@ -314,7 +317,8 @@ class OutlierSettings:
 def point_scatter(
     lines_px: Sequence[np.ndarray], sigma_px: Sequence[np.ndarray], settings: OutlierSettings = OutlierSettings()
 ) -> float:
-    """Scatter of centrelines' points about smooth curves, over their standard deviations; NaN where too little is seen.
+    """Ratio of the scatter of centrelines' points about smooth curves to their standard deviations; NaN where too
+    little is visible.
 
     lines_px : (N, 2) of each frame, in any order. sigma_px : (N,) of each. Where neighbours share errors, the mean of
     many is less exact than that of as many independent ones: the factor counts that in.
@@ -345,7 +349,7 @@ def point_scatter(
 def shared_share(
     lines_px: Sequence[np.ndarray], sigma_px: Sequence[np.ndarray], settings: OutlierSettings = OutlierSettings()
 ) -> float:
-    """Part of the points' scatter about smooth curves that is the same in all lines, as by a kink; 0 to 1."""
+    """Share, 0 to 1, of the points' scatter about smooth curves that is the same in all lines, as from a kink."""
     found = [_about_curve(points, sigma, settings) for points, sigma in zip(lines_px, sigma_px, strict=True)]
     lines = [each[0] for each in found if each is not None]
     if len(lines) < settings.fewest_lines:
@@ -361,8 +365,8 @@ def shared_share(
 def _about_curve(
     points_px: np.ndarray, sigma_px: np.ndarray, settings: OutlierSettings
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """(M,) distances of a line's points from a smooth curve through them, in their standard deviations, in order; and
-    the part of a slow error's covariance at each lag that the curve takes with it. None with too few points."""
+    """(M,) distances of a line's points from a smooth curve through them, in standard deviations, in order; and the
+    fraction of a slow error's covariance at each lag that the curve absorbs. None with too few points."""
     there = np.isfinite(points_px).all(axis=1)
     points, sigma = points_px[there], np.broadcast_to(sigma_px, len(points_px))[there]
     if len(points) < settings.scatter_points:
@@ -399,7 +403,7 @@ def _about_curve(
 
 
 def _apart(points_px: np.ndarray, neighbours: int) -> np.ndarray:
-    """(N,) distance of each of the points (N, 2), N ≥ 5, from its fourth nearest.
+    """(N,) distance of each of the points (N, 2), N ≥ 5, from its fourth-nearest neighbour.
 
     Along a line the nearest are among the next few in the order of one coordinate; a tree, which takes longer to load
     than a contact to find, finds them where they need not be.
@@ -421,7 +425,7 @@ def _apart(points_px: np.ndarray, neighbours: int) -> np.ndarray:
 
 
 def _cubic_spline(along: np.ndarray, inner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(N, K + 4) cubic splines with K inner knots at places (N,), and their slopes."""
+    """(N, K + 4) basis of cubic splines with K inner knots at places (N,), and its derivatives."""
     half = 0.5 * np.ptp(along)
     at, knots = (along - along.mean()) / half, (inner - along.mean()) / half
     beyond = np.maximum(at[:, None] - knots, 0.0)
@@ -432,7 +436,8 @@ def _cubic_spline(along: np.ndarray, inner: np.ndarray) -> tuple[np.ndarray, np.
 def without_outliers(
     batch: Batch, frames: Frames, fitted: FitNumbers, rung: str, solved: Callable[[Frames], FitNumbers]
 ) -> Frames:
-    """Fit frames with gross errors among their points again without these, if one contact explains the rest. As used.
+    """Refit frames with gross errors among their points without these, if one contact explains the rest. Returns the
+    frames as used.
 
     Where little is seen of the antenna, one point far from there turns it, for all that its weight is small; and so do
     many that lie off to the same side.
@@ -478,8 +483,8 @@ def _outliers(
     sigma_px: np.ndarray,
     which: Callable[[np.ndarray, np.ndarray], np.ndarray],
 ) -> np.ndarray:
-    """(N,) bool: points (N, 2) of standard deviations (N,) that are gross errors by how far they lie across an
-    antenna's nodes (M, 3), antenna frame, in order along it."""
+    """(N,) mask of the points (N, 2), with standard deviations (N,), that are gross errors by their distance across
+    an antenna's nodes (M, 3), antenna frame, in order along it."""
     found = np.zeros(len(points_px), bool)
     path = pixels(rig.camera, rig.T_antenna_camera.inverse(), nodes_m)
     there = np.flatnonzero(np.isfinite(points_px).all(axis=1))
@@ -492,20 +497,21 @@ def _outliers(
 
 
 def _alone(across_px: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
-    """(N,) bool: points that lie far from where their neighbours do. Several that lie off together are a shape."""
+    """(N,) mask of the points that lie far from their neighbours; several that lie off together are a shape."""
     off = np.abs(across_px - _medians(across_px))
     return np.asarray(off > np.maximum(OutlierSettings.std * sigma_px, OutlierSettings.px))
 
 
 def _medians(values: np.ndarray) -> np.ndarray:
-    """(N,) median of each of values (N,) and its neighbours in order."""
+    """(N,) running median of each of values (N,) and its neighbours."""
     several, beyond = OutlierSettings.neighbours, OutlierSettings.neighbours // 2
     mirrored = np.concatenate([values[beyond:0:-1], values, values[-2 : -beyond - 2 : -1]])
     return np.asarray(core.search.running_medians(mirrored, several))
 
 
 def _stretch(across_px: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
-    """(N,) bool: points that lie off to one side together, where the line jumps there and back, or near its end."""
+    """(N,) mask of points that lie off to one side together, between two jumps of the line, or between a jump and
+    its end."""
     settings, count = OutlierSettings(), len(across_px)
     off, side = np.zeros(count, bool), min(settings.side, max(count // 12, 4))
     if count < 4 * side:
@@ -537,7 +543,7 @@ def _stretch(across_px: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
 
 
 def _end(tip_px: np.ndarray) -> np.ndarray:
-    """(3,) the antenna's end and its deviation, no less than a detector can reach. Raises InputError."""
+    """(3,) the antenna's end and its standard deviation, no less than a detector can reach. Raises InputError."""
     end = np.asarray(tip_px, float)
     if end.shape != (3,) or end[2] <= 0.0:
         raise InputError(f"tip_px is {tip_px!r:.60}", remedy="give u, v and their deviation along the antenna, px")
@@ -545,7 +551,7 @@ def _end(tip_px: np.ndarray) -> np.ndarray:
 
 
 def _points(lines: Any, name: str = "centrelines_px", remedy: str = "give (N, 2) pixels for every frame") -> np.ndarray:
-    """(B, N, 2) of centrelines of one length or of many; NaN where there is no point. Raises InputError."""
+    """(B, N, 2) array of centrelines of equal or different lengths, padded with NaN. Raises InputError."""
     if getattr(lines, "ndim", 0) == 3 and lines.shape[2] == 2:
         return check_each(as_floats(lines, name, remedy), PLAUSIBLE.pixel_px, name, remedy, "infinite")
     if not isinstance(lines, Iterable) or isinstance(lines, Mapping):
@@ -561,8 +567,8 @@ def _points(lines: Any, name: str = "centrelines_px", remedy: str = "give (N, 2)
 def _lines(
     rig: Rig, centrelines_px: Any, sigma_px: Any, plane_xy_m: Any = None, covariance_m2: Any = None
 ) -> tuple[np.ndarray, np.ndarray | float, np.ndarray | None]:
-    """Pixels (B, N, 2) of centrelines in pixels or on plane C; their own standard deviation, one or (B, N), and shape
-    (B, N, 2, 2) as `pixels_on_plane` has them. Raises InputError."""
+    """Pixels (B, N, 2) of centrelines in pixels or on plane C; their standard deviations, one or (B, N), and the
+    shapes of their covariances (B, N, 2, 2) as in `pixels_on_plane`. Raises InputError."""
     if (centrelines_px is None) == (plane_xy_m is None):
         how_many = "neither" if plane_xy_m is None else "both"
         raise InputError(f"pixels and plane_xy_m: {how_many}", remedy="give one of them")
@@ -584,7 +590,7 @@ def _lines(
 
 
 def _padded(several: Sequence[np.ndarray], missing: float) -> np.ndarray:
-    """(B, N, ...) of B arrays (N_b, ...), filled up with what stands for nothing."""
+    """(B, N, ...) array of B arrays (N_b, ...), padded with `missing`."""
     if len(several) == 1:
         return several[0][None]
     whole = np.full((len(several), max(map(len, several)), *several[0].shape[1:]), missing)
@@ -594,7 +600,7 @@ def _padded(several: Sequence[np.ndarray], missing: float) -> np.ndarray:
 
 
 def _column(name: str, values: Values, count: int) -> np.ndarray:
-    """(count,) floats, NaN for what is missing. Raises InputError."""
+    """(count,) floats, NaN for missing ones. Raises InputError."""
     if values is None:
         return np.full(count, np.nan)
     numbers = as_floats(values, name, "give a number for every frame")
@@ -605,7 +611,8 @@ def _column(name: str, values: Values, count: int) -> np.ndarray:
 
 
 def _deviations(points_px: np.ndarray, sigma_px: np.ndarray | float) -> np.ndarray:
-    """(B, N) deviations of points (B, N, 2) from one, (B, 1) or (B, N). Raises InputError where there is a point."""
+    """(B, N) standard deviations of points (B, N, 2) from one, (B, 1) or (B, N). Raises InputError where a point has
+    none."""
     sigma = as_floats(sigma_px, "sigma_px", "give standard deviations in px")
     positive = sigma.size > 0 and sigma.min() > 0.0 and sigma.max() < np.inf
     try:
@@ -620,9 +627,9 @@ def _deviations(points_px: np.ndarray, sigma_px: np.ndarray | float) -> np.ndarr
 def _in_order(
     rig: Rig, points_px: np.ndarray, sigma_px: np.ndarray, shape: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray, np.ndarray | None]:
-    """Points (B, N, 2), standard deviations (B, N) and shapes of covariances (B, N, 2, 2) along the longer side of each
-    frame's points, missing ones last; how many (B,) are missing because they lie outside the picture; and where each
-    point was listed (B, N), None where all stay.
+    """Points (B, N, 2), standard deviations (B, N) and shapes of covariances (B, N, 2, 2) sorted along the longer
+    side of each frame's points, missing ones last; the number (B,) of points outside the picture, which count as
+    missing; and each point's original index (B, N), None if unchanged.
 
     The initialization takes every n-th point: it must not depend on the order in which the points were listed.
     """
@@ -647,8 +654,8 @@ def _in_order(
 
 
 def _no_less(points_px: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
-    """(B, N) standard deviations of points (B, N, 2), none far below the others of its frame: no one point may decide,
-    for it may be a gross error."""
+    """(B, N) standard deviations of points (B, N, 2), bounded below by the frame's others: no single point may
+    decide, for it may be a gross error."""
     one_for_all = not any(sigma_px.strides)
     if one_for_all or not sigma_px.size or sigma_px.min() >= OutlierSettings.precise * sigma_px.max():
         return sigma_px

@@ -1,8 +1,8 @@
-"""Is the antenna at rest? Frames are fitted as static shapes; where the antenna rings or its base shakes, its inertia
-bends it as weight does, and a fit that knows nothing of it puts the contact elsewhere.
+"""Test whether the antenna is at rest. Frames are fitted as static shapes; where the antenna vibrates or its base
+shakes, inertia bends it as weight does, and a static fit shifts the contact.
 
-From the shapes of successive frames in the *world* frame follows the acceleration of every piece of the antenna, from
-that the load per length q = −ρA·a, and from that the deflection that the static fit took for the contact's.
+The shapes of successive frames in the *world* frame give the acceleration of every piece of the antenna, that gives the
+load per length q = −ρA·a, and that the deflection which the static fit attributed to the contact.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _TABLE = 65  # places of a contact at which the first mode is tabulated
 
 @dataclass(frozen=True)
 class Beam:
-    """What the antenna is to its own motion."""
+    """Dynamic properties of the antenna."""
 
     length_m: float
     stiffness_Nm2: float
@@ -36,13 +36,13 @@ class Beam:
 
     @staticmethod
     def of(rig: Rig) -> Beam:
-        """The rig's antenna."""
+        """The beam of the rig's antenna."""
         antenna = rig.antenna
         return Beam(antenna.length_m, antenna.stiffness_Nm2, antenna.mass_per_length_kg_m, antenna.taper)
 
     @property
     def pieces_m(self) -> np.ndarray:
-        """(G,) arc lengths at which the antenna is judged."""
+        """(G,) arc lengths at which motion is tested."""
         return (np.arange(PIECES) + 0.5) * (self.length_m / PIECES)
 
     @cached_property
@@ -68,7 +68,7 @@ class Beam:
 
 @dataclass(frozen=True, eq=False)
 class Shapes(Rows):
-    """The antenna's fitted shapes in B successive frames; what is not known of a frame is NaN.
+    """Fitted shapes of the antenna in B successive frames; NaN where unknown.
 
     Attributes
     ----------
@@ -86,14 +86,14 @@ class Shapes(Rows):
 
     @property
     def known(self) -> np.ndarray:
-        """(B,) frames that have a time, all points and their standard deviations."""
+        """(B,) mask of the frames with a time, all points and their standard deviations."""
         points = np.isfinite(self.points_m).all(-1).all(-1)
         return points & (np.isfinite(self.std_m) & (self.std_m > 0.0)).all(-1) & np.isfinite(self.time_s)
 
 
 @dataclass(frozen=True, eq=False)
 class Inertia:
-    """What inertia does to the antenna in R frames. NaN where undetermined.
+    """Effect of inertia on the antenna in R frames. NaN where undetermined.
 
     load_N_m : (R, G, 3) −ρA·a at `Beam.pieces_m`, world frame, in addition to the weight.
     load_std_N_m : (R, G, 3) standard deviation.
@@ -108,13 +108,13 @@ class Inertia:
 
     @property
     def significant(self) -> np.ndarray:
-        """Whether the inertial load of each frame (R,) is more than noise: that would reach it in a share
-        `motion_false_alarm` of frames. False where undetermined."""
+        """(R,) mask of the frames with an inertial load that exceeds noise, at a false-alarm rate of
+        `motion_false_alarm`. False where undetermined."""
         return np.asarray((abs(self.load_N_m) > _threshold() * self.load_std_N_m).any((-1, -2)))
 
 
 def _inertia(shapes: Shapes, beam: Beam, judged: slice = slice(None), *, live: bool = False) -> Inertia:
-    """The inertial load in the frames `judged` (R of them) of a recording.
+    """The inertial load in the R frames `judged` of a recording.
 
     The acceleration is that of the least-squares parabola over the frames within a quarter of the first mode's period
     on either side, at least one on each. Times that do not increase and gaps of more than half the free antenna's
@@ -143,7 +143,7 @@ def _inertia(shapes: Shapes, beam: Beam, judged: slice = slice(None), *, live: b
 
 
 class Motion:
-    """The judge of a recording that comes in parts, of one frame or more, with bounded memory.
+    """Motion test of a recording that comes in parts, of one frame or more, with bounded memory.
 
     A frame's verdict comes with the first one that is more than a quarter of the first mode's period later: at 30
     frames per second with the next. With `live` it comes at once, from earlier frames alone.
@@ -155,7 +155,7 @@ class Motion:
         self._judged = 0
 
     def push(self, shapes: Shapes) -> Inertia:
-        """The verdicts (K,) that these frames make possible: in order, beginning with the first frame that waited."""
+        """The results (K,) that these frames make possible: in order, beginning with the first pending frame."""
         kept = shapes if self._kept is None else Shapes.joined([self._kept, shapes])
         waiting = complete = len(kept) - self._judged
         if complete and not self._live:  # the first frames that have all later ones of their neighbourhoods
@@ -166,7 +166,7 @@ class Motion:
         return self._judge(kept, max(complete, waiting - ContactSettings.motion_frames))
 
     def finish(self) -> Inertia | None:
-        """The verdicts on the frames that wait; None if none was ever pushed, or none waits."""
+        """The results for the pending frames; None if there are none."""
         return None if self._kept is None or self._live else self._judge(self._kept, len(self._kept) - self._judged)
 
     def _judge(self, kept: Shapes, count: int) -> Inertia:
@@ -179,7 +179,8 @@ class Motion:
 
 @cache
 def _threshold() -> float:
-    """Standard deviations that noise exceeds, on any piece and axis, with the probability `motion_false_alarm`."""
+    """Number of standard deviations that noise exceeds, on any piece and axis, with probability
+    `motion_false_alarm`."""
     from statistics import NormalDist
 
     return -NormalDist().inv_cdf(ContactSettings.motion_false_alarm / (2 * 3 * PIECES))
@@ -187,8 +188,8 @@ def _threshold() -> float:
 
 @cache
 def _wave_numbers() -> np.ndarray:
-    """(T,) βL of the first mode of a beam clamped at 0, on a knife edge at the contact and free beyond it; the contact
-    at equal steps from clamp to tip.
+    """(T,) βL of the first mode of a beam that is clamped at 0, supported at the contact and free beyond it, for
+    contacts at equal steps from clamp to tip.
 
     The moments that the two parts need for a turn at the knife edge cancel: halved intervals find where.
     """
@@ -215,7 +216,8 @@ def _wave_numbers() -> np.ndarray:
 
 
 def _wave_numbers_of(taper: Taper) -> np.ndarray:
-    """(T,) the same of an antenna that is not uniform, its frequency over that of a uniform one, by finite elements."""
+    """(T,) as `_wave_numbers` for a tapered antenna, from its frequency relative to a uniform one's, by finite
+    elements."""
     from scipy.linalg import eigh  # slow to load
 
     count, width = _TABLE - 1, 1.0 / (_TABLE - 1)

@@ -1,12 +1,12 @@
-"""Antennas with clamps that move and turn between frames, such as whiskers: their contacts from centrelines alone.
+"""Contacts of antennas with moving clamps, such as whiskers, from centrelines alone.
 
-The first points of a frame's line say where the clamp is in the picture and where it points. About that place the frame
-is fitted as of any rig, in a frame of its own: the clamp's offset and turn in the picture are unknowns with a prior far
-wider than the first points leave it, so that the fit finds them with the contact and their uncertainty goes into its
-covariance. Depth and turn out of the picture's plane keep the prior of `MovingClamp`.
+The first points of a frame's line give the clamp's position and direction in the picture. Around these the frame is
+fitted as for any rig, in a frame of its own: the clamp's offset and angle in the picture are unknowns with a prior far
+wider than the first points' uncertainty, so that the fit finds them with the contact and includes their uncertainty.
+Depth and rotation out of the picture's plane have the prior of `MovingClamp`.
 
 A clamp moves smoothly. Where a line's first point jumps, the tracker lost the clamp or took another antenna: such
-frames are not estimated, until the first point comes back to where it was at that angle.
+frames are not estimated, until the first point returns to where it was at that angle.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ from .status import FAILED, LOW, NO_ANTENNA
 
 
 def _bow() -> int:
-    """Which of a rig's parameters is the bow in the picture."""
+    """Index of the rig parameter that is the bow in the picture's plane."""
     return RIG_PARAMETERS.index("bow_about_z_per_m")
 
 
 @dataclass(frozen=True)
 class _ClampSettings:
-    """How the clamp is found in a frame, and when a tracker's first points are not believed."""
+    """Settings of the clamp's position in a frame, and thresholds from which a tracker's first points are rejected."""
 
     stretch: float = 0.15  # of the antenna's length, from the first point on, to which place and angle are fitted
     fewest: int = 8  # points of that stretch, at least
@@ -63,7 +63,7 @@ class _ClampSettings:
 
 @dataclass(frozen=True, eq=False)
 class ClampTrack:
-    """One antenna's clamp in F frames of a recording, and what its free frames say of it.
+    """One antenna's clamp in F frames of a recording, with the bow from its free frames.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class ClampTrack:
 
     @property
     def words(self) -> str:
-        """What was found of it, for a reader."""
+        """The track's properties in words."""
         bow, std = self.rig.antenna.parameters[_bow() - len(POSE_PARAMETERS)], self.rig.std("bow_about_z_per_m")
         learnt = f"learnt from {self.free_frames} free frames" if self.free_frames else "as stated: no free frames"
         doubtful = sum(bool(each) for each in self.doubts)
@@ -109,8 +109,8 @@ def clamp_tracks(
     lines: Mapping[str, Mapping[int, np.ndarray]],
     settings: _ClampSettings = _ClampSettings(),
 ) -> dict[str, ClampTrack]:
-    """The clamps of antennas by name, from their lines by frame (N, 3) of u_px, v_px, sigma_px or NaN, each from the
-    clamp on. Raises InputError for an antenna that the rig does not have."""
+    """The clamps of antennas by name, from their lines by frame (N, 3) of u_px, v_px, sigma_px or NaN, each
+    beginning at the clamp. Raises InputError for an antenna that the rig does not have."""
     rigs = {name: replace(rig.of_antenna(name), clamp=None) for name in lines}
     found = {name: _places(own, measured_lines(own, frames, lines[name]), settings) for name, own in rigs.items()}
     limits = {name: _limit_m(each, settings) for name, each in found.items()}
@@ -124,8 +124,8 @@ def clamp_tracks(
 
 
 def _places(rig: Rig, several: Iterator[Measured], settings: _ClampSettings) -> np.ndarray:
-    """(F, 8) of each frame: x, y, m, and angle, rad, of the clamp in plane C, the length of the line, m, standard
-    deviations of place, across the antenna, and angle, metres a pixel, and the line's mean curvature, 1/m."""
+    """(F, 8) for each frame: clamp's x, y, m, and angle, rad, in plane C, the line's length, m, standard deviations
+    of the position across the antenna and of the angle, metres per pixel, and the line's mean curvature, 1/m."""
     return np.array([_place(rig, each, settings) for each in several]).reshape(-1, 8)
 
 
@@ -164,7 +164,7 @@ def _place(rig: Rig, measured: Measured, settings: _ClampSettings) -> np.ndarray
 
 
 def _curvature(points: np.ndarray, along: np.ndarray) -> float:
-    """Mean curvature of points (N, 2) from a clamp on that points along a direction (2,), by a parabola; 1/m."""
+    """Mean curvature, 1/m, by a parabola, of points (N, 2) from a clamp with direction `along` (2,)."""
     seen = points[np.isfinite(points).all(axis=1)]
     chord = seen[-1] - seen[0]
     chord = (chord if chord @ along > 0.0 else along) / max(float(np.linalg.norm(chord)), 1e-12)
@@ -174,7 +174,7 @@ def _curvature(points: np.ndarray, along: np.ndarray) -> float:
 
 
 def _limit_m(found: np.ndarray, settings: _ClampSettings) -> float:
-    """How far from its usual motion a clamp must be for a jump, m."""
+    """Smallest deviation of a clamp from its usual motion that counts as a jump, m."""
     known = np.flatnonzero(np.isfinite(found[:, 0]))
     if not len(known):
         return 1.0
@@ -184,7 +184,7 @@ def _limit_m(found: np.ndarray, settings: _ClampSettings) -> float:
 
 
 def _off_motion(points: np.ndarray, frame: np.ndarray, settings: _ClampSettings) -> np.ndarray:
-    """(K − 1,) how far each step between successive points (K, 2), or (K, 3), is from the median of those about it."""
+    """(K − 1,) deviations of the steps between successive points (K, 2), or (K, 3), from the running median step."""
     if len(points) < 2:
         return np.empty(0)
     gaps = np.diff(frame)[:, None]
@@ -195,8 +195,8 @@ def _off_motion(points: np.ndarray, frame: np.ndarray, settings: _ClampSettings)
 
 
 def _kept(states: np.ndarray, settings: _ClampSettings) -> np.ndarray:
-    """(F,) whether a frame's first point is the clamp. `states` (F, 4): place and line's length over the limit of a
-    jump, and angle over that within which places are compared.
+    """(F,) mask of the frames in which the first point is the clamp. states : (F, 4) position and line's length over
+    the limit of a jump, and angle over the range within which positions are compared.
 
     The longest run without a jump counts, and every run that goes on from one that counts, or comes back to a place
     where the clamp was at that angle, or to where it can have moved, with as long a line.
@@ -229,7 +229,7 @@ def _kept(states: np.ndarray, settings: _ClampSettings) -> np.ndarray:
 def _doubts(
     name: str, states: Mapping[str, np.ndarray], kept: Mapping[str, np.ndarray], limits: Mapping[str, float]
 ) -> list[str]:
-    """Why each frame's first points are not the clamp of an antenna; "" where they are."""
+    """The reason why each frame's first points are not the clamp of an antenna; "" where they are."""
     from scipy.spatial import cKDTree
 
     own, counted = states[name][:, :2], states[name][kept[name], :2]
@@ -262,7 +262,7 @@ def _track(
     doubts: list[str],
     settings: _ClampSettings,
 ) -> ClampTrack:
-    """With the priors of the clamp, and the bow learnt from free frames."""
+    """The track with the clamp's priors, and the bow estimated from free frames."""
     usable = np.array([not each for each in doubts]) & np.isfinite(found[:, 0])
     clamp, first = whole.clamp, len(POSE_PARAMETERS)
     assert clamp is not None
@@ -293,7 +293,7 @@ def _track(
 
 
 def _along_m(places: np.ndarray, usable: np.ndarray) -> float:
-    """Scatter of first points along the antenna, m, by third differences: the clamp's motion is smooth."""
+    """Scatter of first points along the antenna, m, by third differences, since the clamp's motion is smooth."""
     rows = np.flatnonzero(usable[3:] & usable[2:-1] & usable[1:-2] & usable[:-3])
     if len(rows) < 8:
         return 0.0
@@ -310,7 +310,7 @@ def _with_bow(
     known: tuple[np.ndarray, np.ndarray],
     settings: _ClampSettings,
 ) -> ClampTrack:
-    """With the bow in the picture that the free frames share, and how far it varies between them.
+    """The track with the bow in the picture common to its free frames, and its variation between them.
 
     Each frame's bow is what its own clamp, free within standard deviations (4,), leaves; frames that a force explains
     better are not free. known : these, and the frames' curvatures (F,): where they crowd, the search begins.
@@ -345,7 +345,7 @@ def _with_bow(
 
 
 def _crowded(values: np.ndarray, share: float) -> float:
-    """The middle of the shortest interval that holds this share of values (N,)."""
+    """Midpoint of the shortest interval that contains this share of values (N,)."""
     ordered = np.sort(values)
     count = max(int(share * len(ordered)), 1)
     widths = ordered[count - 1 :] - ordered[: len(ordered) - count + 1]
@@ -354,7 +354,7 @@ def _crowded(values: np.ndarray, share: float) -> float:
 
 
 def _with(track: ClampTrack, bow_per_m: float) -> ClampTrack:
-    """With another bow in the picture."""
+    """The track with another bow in the picture."""
     antenna, at = track.rig.antenna, _bow() - len(POSE_PARAMETERS)
     parameters = antenna.parameters.copy()
     parameters[at] = bow_per_m
@@ -362,8 +362,8 @@ def _with(track: ClampTrack, bow_per_m: float) -> ClampTrack:
 
 
 def _own_bow(track: ClampTrack, row: int, measured: Measured, axes: np.ndarray) -> tuple[float, float] | None:
-    """The change of bow that a free frame asks for, and its variance, in units of the last of `axes` (17 + P, 5); the
-    others are the clamp's; None for a frame that is not free."""
+    """Change of bow that a free frame indicates, and its variance, in units of the last of `axes` (17 + P, 5); the
+    other axes are the clamp's; None for a frame that is not free."""
     rig = track.at(row)
     frames = Batch.of(rig, [measured]).frames(replace(RigArrays.from_rig(rig, 0.0), axes=axes, line=np.empty((1, 0))))
     free = free_antennas(frames)
@@ -385,7 +385,8 @@ def estimate_antennas(
     model: str = "auto",
     friction: float = FRICTION_RAD,
 ) -> Iterator[FrameContact]:
-    """Every frame of every antenna, frame by frame, tested for motion. World: the rig's, in which the camera rests."""
+    """The contacts of every antenna, frame by frame, tested for motion. The world frame is the rig's, in which the
+    camera is at rest."""
     streams = [
         _estimated(name, track, frames, measured_lines(track.rig, frames, lines[name]), (model, friction))
         for name, track in tracks.items()
@@ -401,7 +402,7 @@ def _estimated(
     several: Iterator[Measured],
     how: tuple[str, float],
 ) -> Iterator[FrameContact]:
-    """One antenna's frames, in order."""
+    """The contacts of one antenna's frames, in order."""
     beam = Beam.of(track.rig)
     motion, waiting = MotionCheck(beam), list[tuple[int, Frame, Measured]]()
     model, friction = how
@@ -438,8 +439,8 @@ def _estimated(
 
 
 def _widened(contact: Contact, track: ClampTrack) -> Contact:
-    """The contact with the uncertainty of the first point's place added to the distance, and without shared errors,
-    which are unknown for a clamp of each frame."""
+    """The contact with the first point's position uncertainty added to the distance, and without shared errors,
+    which are unknown for a clamp that moves."""
     unknown = np.full(3, np.nan)
     contact = replace(contact, distance_shared_std_m=np.nan, point_shared_std_m=unknown, force_shared_std_N=unknown)
     if contact.status not in LOCATED:

@@ -1,4 +1,4 @@
-"""Debug pictures: what was seen of the antenna in a frame and what was made of it, and a page that shows them all."""
+"""Debug pictures: the detected and the fitted antenna in each frame, and a page with all of them."""
 
 from __future__ import annotations
 
@@ -59,14 +59,14 @@ _THUMBNAILS = "thumbnails"  # their folder
 
 
 def _status_colour(status: str) -> tuple[int, int, int]:
-    """Blue, green, red."""
+    """Colour of a status: blue, green, red."""
     red, green, blue = bytes.fromhex(STATUS_COLOURS[status][1:])
     return blue, green, red
 
 
 @dataclass(frozen=True, eq=False)
 class _Marks:
-    """Where a frame's contact lies in its picture, px.
+    """Image coordinates of a frame's contact and antenna, px.
 
     shape : (M, 2) the fitted antenna; M is 0 where nothing was fitted. width : the antenna's.
     contact : (2,), NaN where it was not located. ellipse : (K, 2) around it, holds it with 95 % probability.
@@ -88,7 +88,7 @@ class _Marks:
 
 
 def corridor_of(rig: Rig, frame: Frame) -> Corridor | None:
-    """Where the antenna may be in a frame's picture; None where the lens shows too little of it."""
+    """The corridor of possible antennas in a frame's picture; None where the lens projects too little of it."""
     antenna = rig.antenna
     free = free_curve(antenna.parameters, antenna.length_m, gravity(rig, frame), antenna.taper)
     where = corridor(rig.camera, rig.T_antenna_camera.inverse(), free, antenna.diameter_m, taper=antenna.taper)
@@ -96,7 +96,7 @@ def corridor_of(rig: Rig, frame: Frame) -> Corridor | None:
 
 
 def frame_picture(estimator: ContactEstimator, item: FrameContact) -> np.ndarray:
-    """(H, W, 3) uint8, blue, green, red: a frame's picture with all that was seen and estimated drawn into it."""
+    """(H, W, 3) uint8, blue, green, red: a frame's picture with everything detected and estimated drawn in."""
     rig, frame, contact = estimator.rig, item.frame, item.contact
     width, height = rig.camera.image_size
     image = np.zeros((height, width), np.uint8) if frame.image is None else read_gray(frame.image)
@@ -147,7 +147,7 @@ def frame_picture(estimator: ContactEstimator, item: FrameContact) -> np.ndarray
 
 
 def _marks(estimator: ContactEstimator, item: FrameContact) -> _Marks:
-    """A frame's fitted shape, contact and force as they lie in its picture."""
+    """A frame's fitted shape, contact and force in image coordinates."""
     rig, contact = estimator.rig, item.contact
     T_camera_antenna = rig.T_antenna_camera.inverse()
     # without a contact the fit is done again: a picture is not worth keeping every fit of a recording for
@@ -167,7 +167,7 @@ def _marks(estimator: ContactEstimator, item: FrameContact) -> _Marks:
 
 
 def _bent(estimator: ContactEstimator, item: FrameContact) -> np.ndarray | None:
-    """(M, 3) nodes of the antenna as a located contact bends it, antenna frame; else as it is fitted, if it is."""
+    """(M, 3) nodes of the antenna bent by its located contact, antenna frame; else of the fitted shape, if any."""
     contact, antenna = item.contact, estimator.rig.antenna
     if contact.status not in LOCATED or not np.isfinite(contact.force_N).all():
         return estimator.shape(item.measured)
@@ -182,7 +182,7 @@ def _bent(estimator: ContactEstimator, item: FrameContact) -> np.ndarray | None:
 
 
 def _ellipse(rig: Rig, contact: Contact, rotation_world_antenna: np.ndarray) -> np.ndarray:
-    """(49, 2) px: the picture of a located contact's covariance, which holds it with 95 % probability."""
+    """(49, 2) px: projected 95 % confidence ellipse of a located contact."""
     T_camera_antenna = rig.T_antenna_camera.inverse()
     point = T_camera_antenna @ contact.point_antenna_m
     turn = T_camera_antenna.rotation @ rotation_world_antenna.T
@@ -197,7 +197,7 @@ def _ellipse(rig: Rig, contact: Contact, rotation_world_antenna: np.ndarray) -> 
 
 
 def _draw(canvas: Canvas, item: FrameContact, found: _Marks, *, close: bool = False) -> None:
-    """The fitted shape as a sleeve around the antenna, the seen centreline, the contact and its force."""
+    """Draw the fitted shape as a sleeve around the antenna, the detected centreline, the contact and its force."""
     if len(found.shape) >= 2:
         lateral = normals(found.shape) * (0.5 * found.width + 3.5 * canvas.unit / canvas.scale)
         for side in (-lateral, lateral):
@@ -214,7 +214,7 @@ def _draw(canvas: Canvas, item: FrameContact, found: _Marks, *, close: bool = Fa
 
 
 def _close_up(canvas: Canvas, grey: np.ndarray, item: FrameContact, found: _Marks) -> None:
-    """The contact's surroundings enlarged, in the corner that is farthest from the antenna."""
+    """Draw an enlarged view of the contact in the corner that is farthest from the antenna."""
     rows, columns = canvas.image.shape[:2]
     size = int(ContactSettings.close_up * min(rows, columns))
     reach = float(np.abs(found.ellipse - found.contact).max()) if len(found.ellipse) else 0.0
@@ -233,7 +233,8 @@ def _close_up(canvas: Canvas, grey: np.ndarray, item: FrameContact, found: _Mark
 
 
 def refuse_folder(path: Path, force: bool) -> None:
-    """Raises InputError unless debug pictures may be written to `path`; a folder of other things is never replaced."""
+    """Raises InputError unless debug pictures may be written to `path`; a folder with other content is never
+    replaced."""
     refuse_folder_of(path)
     if not os.path.lexists(path):
         return
@@ -251,7 +252,7 @@ def refuse_folder(path: Path, force: bool) -> None:
 def overlaid(
     found: Iterable[FrameContact], estimator: ContactEstimator, path: Path, force: bool, remarks: Sequence[str] = ()
 ) -> Iterator[Iterator[FrameContact]]:
-    """The same frames, each drawn into the folder as it passes; the folder is there once all went well.
+    """Passes the frames on, drawing each into a folder, which replaces `path` once all are done.
 
     remarks : on the whole, which stand first on the page; complete after the last frame.
     """

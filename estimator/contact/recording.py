@@ -1,4 +1,4 @@
-"""From a recording on disk to contacts: pictures one at a time, or ready centrelines in a stream."""
+"""From a recording on disk to contacts: from pictures one at a time, or from a stream of centrelines."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ FramePictures: TypeAlias = "np.ndarray | Mapping[str, np.ndarray] | None"
 
 @dataclass(frozen=True, eq=False)
 class FrameContact:
-    """A frame and what was estimated from it.
+    """A frame and its estimated contact.
 
     Attributes
     ----------
@@ -62,8 +62,8 @@ class FrameContact:
 
 @dataclass(frozen=True, eq=False)
 class _FirstDetection:
-    """A frame, its picture (H, W) on the plane of paint, what was first detected in it, whether the antenna is brighter
-    than its background; and, where the antenna can be in view, the original picture (H, W[, 3]), its finder, and
+    """A frame, its picture (H, W) on the plane of paint, the first detection in it, whether the antenna is brighter
+    than its background; and, where the antenna can be in view, the original picture (H, W[, 3]), its detector, and
     whether the background was subtracted."""
 
     frame: Frame
@@ -77,7 +77,7 @@ class _FirstDetection:
 
 @dataclass(frozen=True, eq=False)
 class Detection:
-    """What was seen of the antenna in a picture, and what that offers to the fit.
+    """The detected antenna in a picture, and the measurement from it.
 
     others : of several cameras what each saw, by name.
     """
@@ -88,7 +88,7 @@ class Detection:
 
     @staticmethod
     def together(rig: Rig, several: Sequence[Detection]) -> Detection:
-        """What each of a rig's cameras saw of one frame, as one."""
+        """The detections of all of a rig's cameras in one frame, as one."""
         first, *rest = several
         others = dict(zip(rig.others, (each.measured for each in rest), strict=True))
         starts = [each.measured.start for each in several if np.isfinite(each.measured.start).all()]
@@ -102,7 +102,8 @@ def gravity(rig: Rig, frame: Still) -> np.ndarray:
 
 
 def measured(rig: Rig, frame: Frame, line: Centreline, **more: Any) -> Measured:
-    """A centreline with the deviations that this rig's pictures really have, its end where it is the tip, and more."""
+    """A centreline as a measurement, with the standard deviations of this rig's pictures, and its end where that is
+    the tip."""
     changing = rig.image.paint.polarity is None
     share = ContactSettings.least_noise_changing if changing else ContactSettings.least_noise
     least = share * rig.image.noise_px
@@ -113,7 +114,7 @@ def measured(rig: Rig, frame: Frame, line: Centreline, **more: Any) -> Measured:
 
 
 def _measured(frame: Frame, points_px: np.ndarray, sigma_px: np.ndarray, **more: Any) -> Measured:
-    """Points (N, 2) with deviations (N,) and the frame's readings."""
+    """The measurement of points (N, 2) with standard deviations (N,) and the frame's readings."""
     return Measured(
         points_px,
         sigma_px,
@@ -129,7 +130,7 @@ def _measured(frame: Frame, points_px: np.ndarray, sigma_px: np.ndarray, **more:
 
 
 def prepared(rig: Rig, frame: Still) -> AntennaFinder | None:
-    """What looks for the antenna in pictures at these joint angles; None where the lens cannot show it."""
+    """The antenna detector for these joint angles; None where the lens cannot project the antenna."""
     pull = gravity(rig, frame).tolist()
     near, alike = (
         tuple(step * round(g / step) for g in pull)
@@ -140,7 +141,7 @@ def prepared(rig: Rig, frame: Still) -> AntennaFinder | None:
 
 @lru_cache(maxsize=256)
 def _finder(rig: Rig, pull_m_s2: tuple[float, ...], paths_m_s2: tuple[float, ...]) -> AntennaFinder | None:
-    """The same under this gravity (antenna frame), along the paths tabled for one much like it."""
+    """The antenna detector for this gravity (antenna frame), with the search paths tabulated for a similar one."""
     where = _corridor(rig, pull_m_s2)
     shape_px = max(ContactSettings.shape_px, ContactSettings.shape_widths * where.width_px)
     drift, focal = rig.drift, 0.5 * (rig.camera.matrix[0, 0] + rig.camera.matrix[1, 1])
@@ -168,7 +169,7 @@ def _tabled(rig: Rig, pull_m_s2: tuple[float, ...]) -> AntennaFinder | None:
 
 @lru_cache(maxsize=8)
 def _same_paths_m_s2(rig: Rig) -> float:
-    """The step of gravity within which the same paths will do."""
+    """Resolution of gravity within which the same search paths are used."""
     where = _corridor(rig, (0.0, 0.0, 0.0))
     return max(
         same_paths_m_s2(where, rig.antenna.parameters, rig.antenna.length_m, rig.antenna.taper),
@@ -177,7 +178,7 @@ def _same_paths_m_s2(rig: Rig) -> float:
 
 
 def detect_again(estimator: ContactEstimator, glances: Sequence[_FirstDetection]) -> list[Detection]:
-    """The antenna of each picture, measured once more along the shape that the first look led to unless that was sure.
+    """Measures the antenna of each picture again along the shape of the first detection, unless that was certain.
 
     A line that was seen in part, or twice, is no antenna to be fitted, and is not measured again. One seen from the
     clamp to its tip is where it would be measured again.
@@ -195,7 +196,7 @@ def detect_again(estimator: ContactEstimator, glances: Sequence[_FirstDetection]
 
 
 def _sure(glance: _FirstDetection) -> bool:
-    """Whether a line of one polarity was seen from the clamp to its tip, with hardly a gap."""
+    """Whether a line of one polarity was detected from the clamp to its tip with hardly a gap."""
     line = glance.line
     if glance.bright is None or line.end != "tip":
         return False
@@ -226,7 +227,7 @@ def _along(rig: Rig, glance: _FirstDetection, rough: RoughFit) -> Detection:
 
 
 def _detections(estimator: ContactEstimator, glances: Iterable[_FirstDetection]) -> Iterator[Detection]:
-    """Second looks at pictures in order, as many at a time as memory allows."""
+    """Second detections of pictures in order, as many at a time as memory allows."""
     coming = iter(glances)
     for first in coming:
         most = min(ContactSettings.at_once_px // first.image.size, STREAM)
@@ -245,7 +246,7 @@ def read_own(rig: Rig, path: Path) -> np.ndarray:
 
 
 def read_ahead(rig: Rig, frames: Iterable[Frame]) -> Iterator[tuple[Frame, FramePictures]]:
-    """Frames with their pictures, if there are any, of which a thread reads the next few meanwhile.
+    """Frames with their pictures, if any, of which a thread reads the next few meanwhile.
 
     Raises InputError, at its turn, for one that cannot be read or has another size.
     """
@@ -270,8 +271,8 @@ def read_ahead(rig: Rig, frames: Iterable[Frame]) -> Iterator[tuple[Frame, Frame
 def first_look(
     estimator: ContactEstimator, frame: Frame, picture: np.ndarray | None, ground: Ground | None = None
 ) -> _FirstDetection:
-    """A first look at a frame's picture (H, W[, 3]), of the rig's size, less what lies behind the antenna where that is
-    known and helps. `picture` : None where only another camera's was taken."""
+    """First detection in a frame's picture (H, W[, 3]) of the rig's size, with a known background subtracted where
+    that helps. picture : None where only another camera took one."""
     rig, paint = estimator.rig, estimator.rig.image.paint
     if picture is None:
         none = replace(NOTHING, reason="there is no picture")
@@ -294,8 +295,8 @@ def first_look(
 def subtracted(
     looking: AntennaFinder, image: np.ndarray, empty: Background | None
 ) -> tuple[np.ndarray, Centreline] | None:
-    """A picture (H, W) less what lies behind the antenna, which may be darker or brighter than that, and the antenna
-    in it; None where the background is not known or does not lie behind this picture."""
+    """A picture (H, W) less its background, and the first detection in it; None where the background is unknown or
+    does not match this picture."""
     behind = None if empty is None else empty.behind(image)
     if behind is None:
         return None
@@ -304,8 +305,8 @@ def subtracted(
 
 
 def _in_order(estimator: ContactEstimator, firsts: Iterable[_FirstDetection]) -> Iterator[_FirstDetection]:
-    """The same; where two lines could be the antenna, the frame before tells whether the first one is. As long as none
-    was seen, some are searched mirrored and turned, too."""
+    """First detections in order; between two possible lines the previous frame decides. Until an antenna has been
+    found, some pictures are also searched mirrored and rotated."""
     before, left = np.empty((0, 2)), ContactSettings.turned_looks
     for first in firsts:
         decided_one, before = after(first, before)
@@ -316,7 +317,8 @@ def _in_order(estimator: ContactEstimator, firsts: Iterable[_FirstDetection]) ->
 
 
 def _turned(estimator: ContactEstimator, first: _FirstDetection) -> _FirstDetection:
-    """A detection without an antenna, with the turn of the picture in which one is found, if any, in its reason."""
+    """A detection without an antenna, with its reason naming the rotation of the picture in which one is found, if
+    any."""
     paint, looking, picture = estimator.rig.image.paint, first.looking, first.picture
     assert looking is not None
     assert picture is not None
@@ -330,7 +332,7 @@ def _turned(estimator: ContactEstimator, first: _FirstDetection) -> _FirstDetect
 
 
 def after(first: _FirstDetection, before: np.ndarray) -> tuple[_FirstDetection, np.ndarray]:
-    """A first look, decided by where the antenna was seen `before` (N, 2), and where it is seen now."""
+    """A first detection, decided by the antenna's points (N, 2) in the previous frame, and its points now."""
     line = decided(first.line, before)
     return replace(first, line=line), line.guide_px if line.found else before
 
@@ -338,14 +340,15 @@ def after(first: _FirstDetection, before: np.ndarray) -> tuple[_FirstDetection, 
 def estimate_pictures(
     estimator: ContactEstimator, frames: Sequence[Frame], ground: Ground | None = None
 ) -> Iterator[FrameContact]:
-    """Every frame from its picture, in order, as many at a time as the estimator takes. Raises as `read_ahead` does."""
+    """The contacts of frames from their pictures, in order, as many at a time as the estimator takes. Raises as
+    `read_ahead`."""
     return estimate_taken(estimator, read_ahead(estimator.rig, frames), ground)
 
 
 def estimate_taken(
     estimator: ContactEstimator, taken: Iterable[tuple[Frame, FramePictures]], ground: Ground | None = None
 ) -> Iterator[FrameContact]:
-    """Every frame from its pictures of the rig's sizes, in order, in constant memory."""
+    """The contacts of frames with pictures of the rig's sizes, in order, in constant memory."""
     frames: deque[Frame] = deque()  # those whose contacts are still to come
 
     def noted() -> Iterator[tuple[Frame, FramePictures]]:
@@ -359,7 +362,7 @@ def estimate_taken(
 
 
 def frame_contact(frame: Frame, seen: Detection, contact: Contact) -> FrameContact:
-    """A frame's contact, or why nothing was seen in its picture."""
+    """A frame's contact, or the reason why nothing was detected in its picture."""
     answer = contact if seen.line.found or seen.others else replace(contact, reason=seen.line.reason)
     for name, line in seen.others.items():
         if not line.found:
@@ -370,7 +373,7 @@ def frame_contact(frame: Frame, seen: Detection, contact: Contact) -> FrameConta
 def measured_recording(
     estimator: ContactEstimator, session: Session, frames: Sequence[Frame], ground: Ground | None = None
 ) -> Iterator[Measured]:
-    """What every frame of a session's recording offers to a fit, in order, as `estimate_source` takes it."""
+    """The measurements of every frame of a session's recording, in order, as `estimate_source` uses them."""
     if not pictures_of(frames):
         lines = read_centrelines(session).checked(frames, "recording.csv")
         return measured_lines(estimator.rig, frames, lines)
@@ -380,7 +383,7 @@ def measured_recording(
 def detected(
     estimator: ContactEstimator, taken: Iterable[tuple[Frame, FramePictures]], ground: Ground | None = None
 ) -> Iterator[Detection]:
-    """What is seen in the pictures of frames, in order, each camera's by itself."""
+    """The detections in the pictures of frames, in order, camera by camera."""
     rig = estimator.rig
     if rig.others:
         parts = list[Iterator[Detection]]()
@@ -398,7 +401,7 @@ def _of_camera(taken: Iterable[tuple[Frame, FramePictures]], name: str) -> Itera
 
 
 def estimate_picture(estimator: ContactEstimator, frame: Frame, ground: Ground | None = None) -> FrameContact:
-    """One frame from its picture, as `estimate_pictures` does it but for its motion."""
+    """The contact of one frame from its picture, as `estimate_pictures` but without the motion test."""
     return next(estimate_taken(estimator, [(frame, read_own(estimator.rig, cast(Path, frame.image)))], ground))
 
 
@@ -425,8 +428,8 @@ def measured_lines(rig: Rig, frames: Sequence[Frame], lines: Mapping[int, np.nda
 
 
 def _scatter(rig: Rig, frames: Sequence[Frame], lines: Mapping[int, np.ndarray]) -> tuple[float, float]:
-    """Scatter of points without a standard deviation, px; and the factor that makes scatter of what the others state,
-    1 where they are about right."""
+    """Scatter, px, of points without a standard deviation; and the ratio of the others' scatter to their stated
+    standard deviations, 1 where these are about right."""
     settings = OutlierSettings()
     chosen = np.unique(np.linspace(0, max(len(frames) - 1, 0), settings.scatter_frames).astype(int))[: len(frames)]
     some = [lines.get(frames[row].frame, np.empty((0, 3))) for row in chosen]
@@ -441,7 +444,8 @@ def _scatter(rig: Rig, frames: Sequence[Frame], lines: Mapping[int, np.ndarray])
 def estimate_centrelines(
     estimator: ContactEstimator, frames: Sequence[Frame], lines: Mapping[int, np.ndarray]
 ) -> Iterator[FrameContact]:
-    """Every frame from extracted pixels (see `measured_lines`), in order, as many at a time as the estimator takes."""
+    """The contacts of frames from extracted pixels (see `measured_lines`), in order, as many at a time as the
+    estimator takes."""
     # a tee holds no more than what the estimator has taken in and not yet given back
     asked, kept = tee(measured_lines(estimator.rig, frames, lines))
     for frame, seen, contact in zip(frames, kept, estimator.run(asked), strict=True):

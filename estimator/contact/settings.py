@@ -1,4 +1,4 @@
-"""From when on a frame's numbers are believed, and how a recording is taken frame by frame."""
+"""Thresholds of a frame's contact, and settings of frame-by-frame estimation."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class ContactSettings:
-    """Thresholds of contacts; deviations are standard deviations."""
+    """Thresholds of contacts."""
 
     # status of a frame
     fewest_points: int = 5  # of a centreline

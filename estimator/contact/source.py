@@ -1,4 +1,4 @@
-"""Where a recording comes from: the one place that opens what holds it."""
+"""Opens a recording, whatever form it has."""
 
 from __future__ import annotations
 
@@ -53,7 +53,8 @@ from .settings import ContactSettings
 
 @dataclass(frozen=True)
 class StreamOptions:
-    """How bags and videos are read; `estimate_offset`: the readings' clock is put right by the pictures."""
+    """Options of reading bags and videos. estimate_offset : whether the readings' clock is corrected by the
+    pictures."""
 
     topics: Topics = field(default_factory=Topics)
     timing: Timing = field(default_factory=Timing)
@@ -62,7 +63,7 @@ class StreamOptions:
 
 @dataclass(frozen=True, eq=False)
 class _Stream:
-    """A bag, or a video with the readings of the .csv of its name in the same folder.
+    """A bag, or a video with the readings in the .csv of the same name next to it.
 
     notes : what the last pass had to tell.
     """
@@ -74,7 +75,7 @@ class _Stream:
     notes: list[str] = field(default_factory=list)
 
     def opened(self) -> Opened:
-        """Opens source and synchronizer for one pass. Raises InputError."""
+        """Opens source and synchroniser for one pass. Raises InputError."""
         readings = self.path.with_suffix(".csv")
         table = readings if readings.is_file() and not is_bag(self.path) else None
         timing = self.options.timing
@@ -84,7 +85,7 @@ class _Stream:
         return found.without_moments() if self.no_moment else found
 
     def taken(self) -> Iterator[tuple[Frame, FramePictures]]:
-        """Its frames with pictures, in order."""
+        """The frames with pictures, in order."""
         source = self.opened()
         timing = replace(self.options.timing, moment_std_Nm=self.rig.reading_noise)
         synchronizer = Synchronizer(timing, source.channels, self.rig.image_sizes, source.notes, live=False)
@@ -106,7 +107,7 @@ class _Stream:
 
 @dataclass(frozen=True, eq=False)
 class _Source:
-    """A recording that was opened and checked.
+    """An opened and checked recording.
 
     Attributes
     ----------
@@ -123,25 +124,26 @@ class _Source:
 
     @property
     def notes(self) -> Sequence[str]:
-        """What the last pass through a bag or video had to tell."""
+        """Notes from the last pass through a bag or video."""
         return () if self.stream is None else self.stream.notes
 
     @property
     def drift(self) -> Drift | None:
-        """What may have changed since the calibration, where the session says so."""
+        """The possible changes since the calibration, where the session states them."""
         return None if self.session is None else self.session.drift
 
     @property
     def shutter(self) -> Shutter:
-        """The camera's, as far as it is known."""
+        """The camera's shutter, as far as it is known."""
         return Shutter() if self.session is None else self.session.shutter
 
     def clocked(self, estimator: ContactEstimator, ground: Ground | None) -> _Source:
-        """With the clocks' offset of a bag or video, if it is to be estimated. Raises InputError where it cannot be."""
+        """The source with the clocks' offset of a bag or video estimated if asked. Raises InputError where it cannot
+        be."""
         return self if self.stream is None else replace(self, stream=self.stream.clocked(estimator, ground))
 
     def stills(self, rig: Rig, folder: Path) -> list[Still]:
-        """Its pictures and, where the session has some of this camera, those of the free antenna.
+        """The pictures of the recording and, where the session has some by this camera, of the free antenna.
 
         folder : where some of a bag's or video's are put.
         """
@@ -152,7 +154,7 @@ class _Source:
 
 
 def _recording_files(path: Path) -> list[Path]:
-    """The files of a recording other than its pictures. Raises InputError for what is no recording."""
+    """The files of a recording other than its pictures. Raises InputError where there is no recording."""
     if is_stream(path):
         table = path.with_suffix(".csv")
         inside = sorted(each for each in path.iterdir() if each.is_file()) if path.is_dir() else [path]
@@ -173,14 +175,14 @@ def _stands_for_session(path: Path) -> bool:
 
 
 def _session_root(path: Path) -> Path:
-    """The session of a recording, which its centrelines.csv may stand for."""
+    """The session of a recording, for which its centrelines.csv may stand."""
     return path.parent.parent if _stands_for_session(path) else path
 
 
 def unpacked(
     rig: Rig, taken: Iterable[tuple[Frame, FramePictures]], folder: Path
 ) -> Iterator[tuple[Frame, FramePictures]]:
-    """Frames with pictures, these in files of a folder, too."""
+    """Frames with their pictures written to files in a folder."""
     for frame, pictures in taken:
         several = pictures if isinstance(pictures, Mapping) else {rig.camera_name: pictures}
         others = {
@@ -192,7 +194,7 @@ def unpacked(
 
 
 def sample_of(rig: Rig, taken: Iterable[tuple[Frame, FramePictures]], folder: Path) -> list[Still]:
-    """Of a bag or video some pictures of the rig's first camera, in files of a folder."""
+    """Some pictures of the rig's first camera from a bag or video, written to files in a folder."""
     named = ((frame, each.get(rig.camera_name) if isinstance(each, Mapping) else each) for frame, each in taken)
     own = ((frame, image) for frame, image in named if image is not None)
     return [frame for frame, _ in unpacked(rig, thinned(own, ContactSettings.sampled_pictures), folder)]
@@ -220,7 +222,7 @@ def open_source(path: Path, rig: Rig, no_moment: bool = False, options: StreamOp
 
 
 def _of_rig(session: Session, rig: Rig) -> Session:
-    """A session as the rig's first camera saw it. Raises InputError where the two have different cameras."""
+    """The session of the rig's first camera. Raises InputError where the two have different cameras."""
     where = session.root / "session.yaml"
     if not session.cameras and rig.others:
         what = f"it names no cameras, the rig has {', '.join(rig.cameras)}"
@@ -236,7 +238,7 @@ def _of_rig(session: Session, rig: Rig) -> Session:
 def estimate_source(
     estimator: ContactEstimator, source: _Source, ground: Ground | None = None
 ) -> Iterator[FrameContact]:
-    """Every frame of a recording, in order, those in which the shutter matters marked."""
+    """The contacts of every frame of a recording, in order, with a note on those that the shutter affects."""
     if source.stream is not None:
         found = estimate_taken(estimator, source.stream.taken(), ground)
     elif source.lines is None:
@@ -247,7 +249,7 @@ def estimate_source(
 
 
 def inputs_digest(path: Path) -> str:
-    """Hex digest of what a recording is made of: its tables' contents, its pictures' names, sizes and times of change.
+    """Hex digest of a recording's inputs: its tables' contents, its pictures' names, sizes and modification times.
 
     Raises InputError where a file is missing or cannot be read.
     """
@@ -266,7 +268,7 @@ def inputs_digest(path: Path) -> str:
 
 
 def _free_frames(session: Session, rig: Rig) -> list[Still]:
-    """The pictures of the free antenna, where this session has some of this camera."""
+    """The pictures of the free antenna, where this session has some by this camera."""
     try:
         frames = list(read_noload(session))
         check_pictures([still.image for still in frames if still.image], rig.camera.image_size, "the rig's are")
@@ -281,8 +283,8 @@ def _free_frames(session: Session, rig: Rig) -> list[Still]:
 
 @dataclass(frozen=True)
 class _Movement:
-    """The most that the antenna moves during the exposure and during the readout, px; how far that puts points off, px
-    and deviations."""
+    """Largest motion of the antenna during exposure and readout, px; the resulting error of points, px and in
+    standard deviations."""
 
     exposure_px: float = 0.0
     readout_px: float = 0.0
@@ -291,7 +293,7 @@ class _Movement:
 
 
 def _marked_by_shutter(found: Iterable[FrameContact], shutter: Shutter, rows: int) -> Iterator[FrameContact]:
-    """A recording's frames in order, those in which the movement matters marked; pictures of so many rows.
+    """A recording's frames in order, with a note on those in which the motion matters. rows : of the pictures.
 
     Each comes out once the next one is known, where the shutter is known.
     """
@@ -313,7 +315,7 @@ def _carried_px(moved: _Movement) -> float:
 
 
 def _movement(item: FrameContact, other: FrameContact, shutter: Shutter, rows: int) -> _Movement:
-    """As fast as from this frame to the other."""
+    """The movement in this frame if the antenna moves as fast as between it and the other."""
     after_s = abs(other.frame.time_s - item.frame.time_s)
     here, there = item.measured.points_px, other.measured.points_px
     if len(here) < 2 or len(there) < 2 or not after_s > 0.0:

@@ -1,4 +1,4 @@
-"""The status of a frame, and its reason: what the numbers of its fit support."""
+"""The status of a frame and its reason: which numbers of its fit the data support."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ OK = "ok"  # all numbers can be used
 
 
 def statuses(numbers: FitNumbers) -> np.ndarray:
-    """(B,) the first that applies, from what makes all else meaningless to what can be trusted."""
+    """(B,) statuses: the first that applies, from those that make everything else meaningless down to ok."""
     with np.errstate(invalid="ignore"):
         uncertain = ~(
             numbers.std[:, 0]
@@ -48,7 +48,7 @@ def statuses(numbers: FitNumbers) -> np.ndarray:
 
 
 def unexplained(numbers: FitNumbers) -> np.ndarray:
-    """(B,) whether no one contact, as contacts are thought possible, explains the frame."""
+    """(B,) mask of the frames that no single possible contact explains."""
     wrong = ~numbers.converged | (numbers.scatter > core.solver.WRONG_SHAPE)
     # without a reading a steep bend along the line of sight fits almost anything, if not quite
     steep = np.abs(numbers.unknowns[:, 3]) > ContactSettings.steepest_blind
@@ -57,7 +57,7 @@ def unexplained(numbers: FitNumbers) -> np.ndarray:
 
 
 def _ambiguous(numbers: FitNumbers) -> np.ndarray:
-    """(B,) whether another contact, apart by more than the uncertainty, explains the frame about equally well."""
+    """(B,) mask of the frames that another contact, farther away than the uncertainty, explains about equally well."""
     as_good = numbers.alternative_cost < ContactSettings.alternative_cost * numbers.scatter**2
     if not as_good.any():
         return as_good
@@ -66,12 +66,13 @@ def _ambiguous(numbers: FitNumbers) -> np.ndarray:
 
 
 def _mirrored(numbers: FitNumbers) -> np.ndarray:
-    """(B,) whether vision is alone, and only perspective separates the contact from its mirror image."""
+    """(B,) mask of the frames without a moment in which only perspective distinguishes the contact from its mirror
+    image."""
     return numbers.ambiguous & (numbers.marginal | ~numbers.sensor_available.any(axis=1))
 
 
 def _at_clamp(numbers: FitNumbers) -> np.ndarray:
-    """(B,) whether the contact lies at the least distance that is searched."""
+    """(B,) mask of the contacts at the smallest distance of the search."""
     least = numbers.unknowns[:, 0] - np.where(numbers.marginal, numbers.std[:, 0], 0.0)
     return least <= core.solver.NEAREST * (1.0 + 1e-6)
 
@@ -81,33 +82,33 @@ def _friction_exceeded(numbers: FitNumbers) -> np.ndarray:
 
 
 def _second_contact(numbers: FitNumbers) -> np.ndarray:
-    """(B,) whether a second force explains so much more that the distance cannot be believed."""
+    """(B,) mask of the frames that a second force explains so much better that the distance is not trusted."""
     return (numbers.second_gain > ContactSettings.second_contact) & (
         numbers.second_shift > ContactSettings.second_shift
     )
 
 
 def _force_undetermined(numbers: FitNumbers) -> np.ndarray:
-    """(B,) whether the force, and with it the contact point, is undetermined in some direction across the antenna, and
-    the rest is not known for all that it may be there."""
+    """(B,) mask of the frames in which the force, and with it the contact point, is undetermined in some direction
+    across the antenna, which affects the rest."""
     std = np.max(numbers.std[:, 1:3], axis=1)
     return ~(0.01 * numbers.unknowns[:, 0] ** 3 * std < ContactSettings.low_signal) & ~numbers.marginal
 
 
 def _model_too_low(numbers: FitNumbers) -> np.ndarray:
-    """(B,) whether the requested model's bias exceeds what its deviations can include."""
+    """(B,) mask of the frames in which the requested model's bias exceeds what its standard deviations can include."""
     bias = numbers.bias[np.arange(len(numbers)), numbers.rung]
     return np.isfinite(bias) & (bias > ContactSettings.highest_bias)
 
 
 def _disagreement(numbers: FitNumbers) -> np.ndarray:
-    """(B,) largest residual of a reading in its expected deviations."""
+    """(B,) largest residual of a reading, in its expected standard deviations."""
     return np.max(np.abs(numbers.residual) / numbers.residual_std, axis=1)
 
 
 def reason(several: FitNumbers, index: int, status: str, length_m: float, requested: str) -> str:
-    """Of one frame: why it is not ok, or which model was taken and why, and what else was noticed; `status` "" for one
-    that is ok and ordinary."""
+    """The reason of one frame: why it is not ok, or which model was used and why, and further remarks. status : ""
+    for a frame that is ok and ordinary."""
     if not status:
         return _model(int(several.rung[index]), several.bias[index].tolist(), requested)
     numbers = several.row(index)
@@ -187,7 +188,7 @@ def _unobservable(numbers: FitNumbers, length_m: float) -> str:
 
 
 def _model(rung: int, bias: list[float], requested: str) -> str:
-    """Which rung was taken, and why."""
+    """The rung that was used and the reason, in words."""
     name = RUNGS[rung]
     if requested != "auto":
         too_low = (
@@ -203,7 +204,7 @@ def _model(rung: int, bias: list[float], requested: str) -> str:
 
 
 def _undetermined(numbers: FitNumbers) -> list[str]:
-    """Which components of the force are not determined, and what is of it."""
+    """The components of the force that are undetermined, and what follows, in words."""
     known = numbers.force_determined[0]
     if known.all():
         return []

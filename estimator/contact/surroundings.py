@@ -1,7 +1,7 @@
 """The static background behind the antenna, learnt from a recording's own pictures and those of the free antenna.
 
-Camera and antenna move together: the background is static in the picture only where the joints are, or where it
-moves with them. The pictures themselves decide.
+Camera and antenna move together, so that the background is static in the picture only where the joints are at rest, or
+where it moves with them. The pictures themselves decide.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ AUTO = Path("auto")
 
 
 def surroundings(rig: Rig, picture: Path | None, frames: Callable[[], Sequence[Still]]) -> tuple[Ground | None, str]:
-    """The background, as `--background` asks for it, and in words what came of that.
+    """The background, as `--background` asks for it, and a sentence on it.
 
     picture : a picture of the same view without the antenna, or `AUTO`: learnt from the frames.
     Raises InputError when a picture cannot be read or has another size than the rig's.
@@ -45,7 +45,7 @@ def surroundings(rig: Rig, picture: Path | None, frames: Callable[[], Sequence[S
 
 
 def _learn_surroundings(rig: Rig, frames: Sequence[Still]) -> tuple[Ground | None, str]:
-    """Backgrounds from pictures with the antenna in them, and what came of it in words; None where none is of use."""
+    """Backgrounds from pictures with the antenna in them, and a sentence on them; None where none is useful."""
     pictured = [still for still in frames if still.image is not None]
     why = f"fewer than {LEAST_PICTURES} pictures"
     for step in (np.inf, ContactSettings.alike_px / float(rig.camera.matrix[0, 0])):
@@ -67,12 +67,12 @@ def _learn_surroundings(rig: Rig, frames: Sequence[Still]) -> tuple[Ground | Non
 
 
 def _ground_of(grounds: dict[tuple[int, int], Background], step_rad: float, still: Still) -> Background | None:
-    """Of the cell of joint angles, `step_rad` wide (infinite for one background), that the picture was taken in."""
+    """The background for the cell of joint angles, `step_rad` wide (infinite for a single background), of a picture."""
     return grounds.get(_cell(still, step_rad))
 
 
 def neighbours(rig: Rig, still: Still) -> list[Still]:
-    """The pictures in a picture's folder that this camera may have taken, some dozen of them, itself among them."""
+    """The pictures in a picture's folder that this camera may have taken, about a dozen of them, including itself."""
     assert still.image is not None
     paths = sorted(path for path in still.image.parent.iterdir() if path.suffix.lower() in SUFFIXES)
     several = []
@@ -88,7 +88,7 @@ def _cell(still: Still, step_rad: float) -> tuple[int, int]:
 
 
 def _learnt(rig: Rig, frames: Sequence[Still]) -> tuple[Background | None, str]:
-    """One background from pictures at one position of the joints, or why there is none."""
+    """The background from pictures at one position of the joints, or the reason why there is none."""
     looking = prepared(rig, frames[0])
     if looking is None:
         return None, "the camera does not see the antenna"
@@ -101,7 +101,7 @@ def _learnt(rig: Rig, frames: Sequence[Still]) -> tuple[Background | None, str]:
 def _background_of(
     images: Sequence[np.ndarray], looking: AntennaFinder, bright: bool | None
 ) -> tuple[Background | None, str]:
-    """The static background in pictures (H, W) of the antenna, or why nothing is to be gained by it."""
+    """The static background of pictures (H, W) of the antenna, or the reason why it would not help."""
     from vbaa_calib.detect.drawing.overlay import corridor_mask
 
     width = looking.corridor.width_px

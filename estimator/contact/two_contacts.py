@@ -1,4 +1,4 @@
-"""Two contacts of one frame: places, forces and their covariance, and whether the frame shows two rather than one."""
+"""Two contacts in one frame: places, forces and their covariance, and the decision between two contacts and one."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ clamp's y and z in `RigArrays.force_unit_N`, friction angle in its prior's stand
 
 @dataclass(frozen=True)
 class _TwoContactsSettings:
-    """How two contacts are searched, and when a frame shows them."""
+    """Settings of the search for two contacts, and thresholds from which a frame has them."""
 
     places: int = 8  # places of a contact, evenly over the antenna, that are tried in pairs before fits begin
     likely: int = 12  # of these pairs, the best ones where deflections are small, are looked into
@@ -60,8 +60,8 @@ class _TwoContactsSettings:
 
 @dataclass(frozen=True, eq=False)
 class _TouchedTwice:
-    """Rods touched twice, K of them: nodes (K, M, 3) and unit tangents (K, M, 3), antenna frame; forces (K, 2, 3) of
-    the contacts; force and moment about the origin, and 1, of all loads (K, 7); arc lengths (K, M)."""
+    """K rods with two contacts each: nodes (K, M, 3) and unit tangents (K, M, 3), antenna frame; forces (K, 2, 3) of
+    the contacts; (K, 7) force and moment about the origin of all loads, and 1; arc lengths (K, M)."""
 
     points_m: np.ndarray
     tangents: np.ndarray
@@ -73,7 +73,7 @@ class _TouchedTwice:
 
 @dataclass(frozen=True, eq=False)
 class _TwoContactFit:
-    """Where a descent stands.
+    """State of the minimisation.
 
     unknowns : (8,). residuals : (M,) of points, readings and the forces' priors, in their standard deviations.
     columns : (M, 8) their predictions' derivatives. errors : (R,) of the rig and the found line, which are solved for
@@ -128,7 +128,7 @@ class _Pair:
         return np.sqrt(np.diag(self.covariance)).reshape(2, 7)
 
     def doubt(self, settings: _TwoContactsSettings) -> str:
-        """Why the frame does not determine two contacts, in words; empty where it does."""
+        """The reason why the frame does not determine two contacts, in words; empty where it does."""
         near, far = 1e3 * self.distances_m
         pair = f"two contacts, at {near:.0f} and {far:.0f} mm"
         own = [self.covariance[7 * k + 5 : 7 * k + 7, 7 * k + 5 : 7 * k + 7] for k in range(2)]
@@ -156,8 +156,8 @@ class _Pair:
 
 @lru_cache(maxsize=4)
 def _moved_rigs(arrays: RigArrays) -> list[list[tuple[float, Rig, np.ndarray]]]:
-    """A rig moved along each of its independent axes, to either side: by how many deviations, the rig, and its sensors'
-    readings by the wrench (R, 7)."""
+    """A rig moved along each of its independent axes, in either direction: the step in standard deviations, the rig,
+    and its sensors' matrix from wrench to readings (R, 7)."""
     several, step, rows = [], _TwoContactsSettings.axis_step, len(arrays.std)
     for axis in arrays.axes.T:
         rigs = [(side, arrays.rig.moved(side * axis)) for side in (step, -step)]
@@ -166,7 +166,7 @@ def _moved_rigs(arrays: RigArrays) -> list[list[tuple[float, Rig, np.ndarray]]]:
 
 
 class _TwoContactFrame:
-    """What one frame of a rig shows of an antenna touched twice."""
+    """One frame of a rig with an antenna touched twice."""
 
     def __init__(self, arrays: RigArrays, frames: Frames, points_px: np.ndarray, sigma_px: np.ndarray) -> None:
         there = np.flatnonzero((frames.usable[0] > 0.0) & np.isfinite(points_px).all(axis=1))
@@ -185,7 +185,7 @@ class _TwoContactFrame:
         self.prior, self.bend = np.array([0.0, 0.0, 0.0, 1.0] * 2), _TwoContactsSettings.bend
 
     def shape(self, unknowns: np.ndarray, rig: Rig, start: np.ndarray | None = None) -> _TouchedTwice | None:
-        """Rods of unknowns (K, 8), if there are any. `start` : (5,) a neighbour's solution."""
+        """Rods with unknowns (K, 8); None where they have no equilibrium. start : (5,) a neighbour's solution."""
         rod, settings = rig.antenna.rod, self.settings
         friction = self.arrays.friction_rad
         unit = self.arrays.force_unit_N
@@ -221,7 +221,8 @@ class _TwoContactFrame:
         return _TouchedTwice(nodes[:, :, 0], nodes[:, :, 1], forces, wrench, arclength, solution)
 
     def pictures(self, points_m: np.ndarray, rig: Rig) -> np.ndarray:
-        """(V, ..., 2) pixels of points (..., 3) of the antenna frame; NaN behind a camera or beyond its lens."""
+        """(V, ..., 2) pixels of points (..., 3) in the antenna frame by each camera; NaN behind it or beyond its
+        lens."""
         several = []
         for one in rig.cameras.values():
             pixels, valid = one.camera.project(one.T_antenna_camera.inverse() @ points_m)
@@ -229,13 +230,13 @@ class _TwoContactFrame:
         return np.array(several)
 
     def across(self, moved: np.ndarray, foot: np.ndarray, normal: np.ndarray) -> np.ndarray:
-        """(K, N) displacements (V, K, M, 2) px of nodes along the normals (N, 2) at feet (N,), in the points' standard
-        deviations."""
+        """(K, N) displacements (V, K, M, 2) px of nodes along the normals (N, 2) at feet (N,), in units of the
+        points' standard deviations."""
         there = [_along(each, foot[own]) for each, own in zip(moved, self.of_camera, strict=True)]
         return np.asarray((np.concatenate(there, axis=1) * normal).sum(axis=-1) / self.sigma_px)
 
     def readings(self, wrench: np.ndarray) -> np.ndarray:
-        """(K, R) what the sensors read, in their standard deviations, of wrenches (K, 7)."""
+        """(K, R) predicted sensor readings, in standard deviations, from wrenches (K, 7)."""
         return np.asarray(self.available * (wrench @ self.arrays.by_wrench[: len(self.available)].T))
 
     def fit(
@@ -245,7 +246,7 @@ class _TwoContactFrame:
         start: np.ndarray | None = None,
         errors: np.ndarray | None = None,
     ) -> _TwoContactFit | None:
-        """Residuals and derivatives at unknowns, of which `free` are solved for, and errors of the rig, or none."""
+        """Residuals and Jacobian at unknowns, of which `free` are solved for. errors : of the rig, or none."""
         step = self.settings.difference
         trials = np.tile(unknowns, (1 + len(free), 1))
         trials[1 + np.arange(len(free)), free] += step * np.where(np.isin(free, (NEAR, FAR)), -1.0, 1.0)
@@ -278,7 +279,8 @@ class _TwoContactFrame:
         return _TwoContactFit(unknowns, residuals, columns, errors, left, float(cost), foot, normal, shape)
 
     def _bends(self, unknowns: np.ndarray) -> np.ndarray:
-        """(K, 4) small deflections of the tip by either force's components, in their prior's standard deviations."""
+        """(K, 4) small deflections of the tip due to the components of either force, in units of their prior
+        standard deviations."""
         unit = 0.01 / self.bend
         weights = [unit * place**2 * (3.0 - place) / 2.0 for place in unknowns[:, [NEAR, FAR]].T]
         return np.column_stack([weights[0], weights[0], weights[1], weights[1]]) * unknowns[:, [1, 2, 5, 6]]
@@ -286,7 +288,8 @@ class _TwoContactFrame:
     def descended(
         self, unknowns: np.ndarray, free: Sequence[int], iterations: int = 40, errors: np.ndarray | None = None
     ) -> _TwoContactFit | None:
-        """The least cost near some unknowns and errors of the rig and of the found line, which are solved for, too."""
+        """The local minimum of the cost from these unknowns, and errors of rig and detected line, which are solved
+        for, too."""
         forces = np.isin(np.arange(8), (1, 2, 5, 6))
         first = None
         for share in (1.0, 0.5, 0.2):  # small deflections' forces may be too large for any rod
@@ -318,8 +321,8 @@ class _TwoContactFrame:
         return levenberg_marquardt(first, step, moved, rules)[0]
 
     def _equations(self, at: _TwoContactFit, columns: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Information (F, F) and pull (F,) of the residuals by columns (M, F), the rig's errors marginalised; mixed
-        information (R, F), and information (R, R) and pull (R,) of these errors."""
+        """Information (F, F) and right side (F,) of the residuals by columns (M, F), with the rig's errors
+        marginalised; mixed information (R, F), and information (R, R) and right side (R,) of these errors."""
         weights = HUBER.weights(at.left)
         weighted, of_rig = weights[:, None] * columns, weights[:, None] * self.by_rig
         mixed, own = self.by_rig.T @ weighted, np.eye(self.by_rig.shape[1]) + self.by_rig.T @ of_rig
@@ -329,7 +332,7 @@ class _TwoContactFrame:
         return information, weighted.T @ at.left - by_mixed.T @ pull_of_rig, mixed, own, pull_of_rig
 
     def _limited(self, unknowns: np.ndarray, free: Sequence[int], move: np.ndarray) -> np.ndarray:
-        """Moved, with the contacts on the antenna, in their order and apart."""
+        """The unknowns after a move, limited so that the contacts stay on the antenna, in order and apart."""
         found, apart = unknowns.copy(), self.settings.nearest
         found[list(free)] += move
         found[NEAR] = np.clip(found[NEAR], max(apart, 0.5 * unknowns[NEAR]), 1.0 - apart)
@@ -338,13 +341,13 @@ class _TwoContactFrame:
 
     @cached_property
     def nuisances(self) -> list[list[tuple[float, Rig, np.ndarray]]]:
-        """The rig moved along each of its independent axes, and to the other side: by how many deviations, and its
-        sensors' readings by the wrench. Made once for an estimator's rig."""
+        """The rig moved along each of its independent axes, in either direction, with the step in standard
+        deviations and its sensors' readings by the wrench. Computed once for an estimator's rig."""
         return _moved_rigs(self.arrays)
 
     def rig_slopes(self, at: _TwoContactFit) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of the residuals' predictions (M, R + L) and of the outputs (14, R + L) by the rig's axes and
-        the found line's own errors, in their standard deviations."""
+        """Derivatives of the predictions (M, R + L) and of the outputs (14, R + L) by the rig's axes and the
+        detected line's own errors, in their standard deviations."""
         base = self.pictures(at.shape.points_m, self.rig)[:, :1]
         read, outputs = self.readings(at.shape.wrench[:1])[0], self.outputs(at.shape, 0, at.unknowns)
         columns, moved_outputs = [], []
@@ -387,8 +390,8 @@ class _TwoContactFrame:
         return np.concatenate(parts)
 
     def marginal(self, at: _TwoContactFit, free: Sequence[int]) -> tuple[_TwoContactFit, np.ndarray, np.ndarray]:
-        """The fit with the rig's slopes where it ends, the covariance (F + R, F + R) of unknowns and rig errors, and
-        the derivatives (14, R) of the outputs by these."""
+        """The fit with derivatives by the rig at its minimum, the joint covariance (F + R, F + R) of unknowns and
+        rig errors, and the derivatives (14, R) of the outputs by the latter."""
         before = self.by_rig
         for _ in range(self.settings.rounds):
             self.by_rig, outputs = self.rig_slopes(at)
@@ -406,8 +409,8 @@ class _TwoContactFrame:
         return at, np.linalg.pinv(information, hermitian=True), outputs
 
     def single_cost(self, one: np.ndarray, enough: float) -> float:
-        """The cost of the best single contact near unknowns (4,), with the rig's errors free; infinite without one. A
-        descent that is far above `enough`, by what its steps promise, ends there."""
+        """The cost of the best single contact near unknowns (4,), with the rig's errors free; infinite without one.
+        A minimisation predicted to end far above `enough` is broken off."""
         unknowns = np.concatenate([[self.settings.nearest, 0.0, 0.0, 0.0], np.nan_to_num(one)])
         unknowns[FAR] = np.clip(unknowns[FAR], 2.0 * self.settings.nearest, 1.0)
         free = [4, 5, 6, 7] if self.arrays.friction_rad > 0.0 else [4, 5, 6]
@@ -427,7 +430,7 @@ class _TwoContactFrame:
         return self.marginal(fit, free)[0].cost
 
     def starts(self) -> list[_TwoContactFit]:
-        """The pairs of places that explain most with the forces that are best for them, the best first."""
+        """Initial values: the pairs of places that explain most with their best forces, the best first."""
         settings, places = self.settings, self.settings.places
         straight = np.array([0.5, 0, 0, 0, 1.0, 0, 0, 0])
         if (free := self.fit(straight, [])) is None:
@@ -467,7 +470,7 @@ class _TwoContactFrame:
 
 
 def _along(values: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """(K, N, 2) of values (K, M, 2) at nodes, linearly between them, at node coordinates (N,)."""
+    """(K, N, 2) values at node coordinates (N,), interpolated linearly from those at nodes (K, M, 2)."""
     before = np.clip(at.astype(int), 0, values.shape[1] - 2)
     share = (at - before)[:, None]
     return np.asarray((1.0 - share) * values[:, before] + share * values[:, before + 1])
@@ -476,8 +479,9 @@ def _along(values: np.ndarray, at: np.ndarray) -> np.ndarray:
 def _feet(
     nodes: np.ndarray, slopes: np.ndarray, arclength_m: np.ndarray, points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where points (N, 2) lie about a curve: node coordinate of the nearest place (N,), distance along the normal (N,),
-    and the unit normal (N, 2) there. The curve is cubic between nodes (M, 2) with slopes (M, 2) by arc length (M,)."""
+    """Feet of points (N, 2) on a curve: node coordinate of the nearest place (N,), distance along the normal (N,),
+    and the unit normal (N, 2) there. The curve is cubic between nodes (M, 2) with derivatives (M, 2) by arc length
+    (M,)."""
     width = np.diff(arclength_m)[:, None]
     start, end = nodes[:-1], nodes[1:]
     leave, arrive = slopes[:-1] * width, slopes[1:] * width
@@ -507,7 +511,7 @@ def _feet(
 
 
 def _misfit(at: _TwoContactFit) -> tuple[float, float]:
-    """Root mean square of the points' residuals over the scatter of neighbours, and this, at least 1."""
+    """Rms of the points' residuals relative to the scatter of neighbouring ones, and this scatter, at least 1."""
     left = at.left[: len(at.foot)]
     scatter = max(float(mad_std(np.diff(left)) / np.sqrt(2.0)) if len(left) > 2 else 1.0, 1.0)
     return float(np.sqrt(np.mean(HUBER.weights(at.left)[: len(left)] * left**2))) / scatter, scatter
@@ -516,7 +520,8 @@ def _misfit(at: _TwoContactFit) -> tuple[float, float]:
 def _best_pair(
     arrays: RigArrays, frames: Frames, points_px: np.ndarray, sigma_px: np.ndarray, one: np.ndarray
 ) -> _Pair | None:
-    """The best two contacts of a frame, the first of `frames`, with points (N, 2) px and (N,) their deviations.
+    """The best two contacts of the first frame of `frames`, with points (N, 2) px and their standard deviations
+    (N,).
 
     one : (4,) unknowns of the best single contact, which the gain is counted from. None where no fit was found.
     """
@@ -580,7 +585,7 @@ def _best_pair(
 
 def both_contacts(one: Contact, unknowns: np.ndarray, arrays: RigArrays, batch: Batch) -> list[Contact]:
     """Both contacts of a frame that no single one explains, the nearer one first, where the frame determines them;
-    else the single one, with them in its reason. `unknowns` : (4,) of that."""
+    else the single one, with them in its reason. unknowns : (4,) of the single one."""
     settings = _TwoContactsSettings()
     pair = _best_pair(arrays, batch.frames(arrays), batch.points_px[0], batch.sigma_px[0], unknowns)
     if pair is None or (doubt := pair.doubt(settings)):

@@ -1,3 +1,3 @@
-"""Contacts while the pictures come."""
+"""Contacts while the pictures come in."""
 
 from .estimator import LiveContact, LiveEstimator

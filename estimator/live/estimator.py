@@ -1,4 +1,4 @@
-"""Pictures and readings in, as they come; contacts out, at once, and once more when later frames are known."""
+"""Contacts from pictures and readings in real time: at once, and again once later frames are known."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from vbaa_calib.streams.synchronize import Synchronized
 
 @dataclass(frozen=True, eq=False)
 class LiveContact:
-    """A frame's contact.
+    """A frame's contact, with its latency and alarms.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class LiveContact:
 
 
 class LiveEstimator:
-    """Contacts from a stream, for one calibrated rig.
+    """Estimates contacts from a stream, for one calibrated rig.
 
     Every picture is answered twice: at once, and with its final contact, some `STREAM` frames later: by then the rig's
     drift is learnt from the free frames around it, and motion is judged by the frames on either side. The final
@@ -100,8 +100,8 @@ class LiveEstimator:
         self.verdict = RunningVerdict(estimator.rig, waits=not synchronizer.live)
 
     def warm(self) -> None:
-        """Load and prepare what the first pictures would wait for: drawn ones go the way that theirs will go, and what
-        depends on the direction of gravity is made for many."""
+        """Load and prepare everything for which the first pictures would have to wait, by estimating drawn ones;
+        what depends on the direction of gravity is prepared for many directions."""
         rig, own = self.estimator.rig, self.estimator
         # a search is prepared for the usual tilts
         for one, tilt_rad in product(rig.cameras.values(), np.linspace(-1.2, 1.2, 97)):
@@ -129,8 +129,8 @@ class LiveEstimator:
             pass
 
     def push(self, message: Taken | Reading | None) -> Iterator[LiveContact]:
-        """The contacts that are there with a picture or a reading; None: nothing has come, which leaves time for final
-        ones."""
+        """The contacts that are ready with a picture or a reading; None: nothing has come, so that there is time for
+        final ones."""
         if message is not None:
             for each in self.synchronizer.push(message):
                 yield from self._estimate(each)
@@ -139,12 +139,12 @@ class LiveEstimator:
 
     @gate
     def tick(self, now_s: float) -> Iterator[LiveContact]:
-        """The contacts of pictures that have waited for readings long enough, by the source's clock."""
+        """The contacts of pictures that have waited long enough for readings, by the source's clock."""
         for each in self.synchronizer.ready(now_s):
             yield from self._estimate(each)
 
     def finish(self) -> Iterator[LiveContact]:
-        """The contacts of all frames that wait, at the end of the stream."""
+        """The contacts of all pending frames, at the end of the stream."""
         for each in self.synchronizer.finish():
             yield from self._estimate(each)
         self.verdict.finish()
@@ -154,14 +154,14 @@ class LiveEstimator:
             yield from map(self._finally, self._later.finish())
 
     def changed(self) -> dict[str, Any]:
-        """How the rig has changed, by its free frames (`drift.summary`)."""
+        """The rig's changes from its free frames (`drift.summary`)."""
         return summary((self._later or self._now).drift)
 
     def _estimate(self, each: Synchronized) -> Iterator[LiveContact]:
         return self._answered(each, self._first_detection(each))
 
     def _first_detection(self, each: Synchronized) -> Detection:
-        """What is seen in a frame's pictures, by each camera."""
+        """The first detection in each camera's picture of a frame."""
         rig, ground, several = self.estimator.rig, self._ground, list[Detection]()
         for name, one in self._cameras.items():
             image = each.images.get(name) if rig.others else each.taken.image
@@ -172,7 +172,7 @@ class LiveEstimator:
         return Detection.together(rig, several) if rig.others else several[0]
 
     def _answered(self, each: Synchronized, seen: Detection) -> Iterator[LiveContact]:
-        """A picture's contact at once, and the final ones that are ready with it."""
+        """A picture's immediate contact, and the final ones that are ready with it."""
         (contact,) = self._now.push(seen.measured)
         item = frame_contact(each.frame, seen, contact)
         latency_s = perf_counter() - each.taken.received_s
@@ -202,7 +202,7 @@ class LiveEstimator:
 
 
 def _drawn(rig: Rig) -> Iterator[tuple[Frame, np.ndarray]]:
-    """Frames of a rig, free and bent to either side, each with its picture in grey and in colour."""
+    """Drawn frames of a rig, free and bent to either side, each with its picture in grey and in colour."""
     antenna, T_camera_antenna = rig.antenna, rig.T_antenna_camera.inverse()
     static = Frame(None, 0.0, 0.0, rig.moment_sensor.offset_Nm, frame=0, time_s=0.0)
     line_level = 150.0 if rig.image.looks is None else float(np.mean(rig.image.looks, axis=0)[:3].mean())

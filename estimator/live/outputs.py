@@ -1,4 +1,4 @@
-"""Where live contacts go: a table that grows, JSON lines, datagrams, an MCAP file."""
+"""Outputs of live contacts: a growing table, JSON lines, datagrams, an MCAP file."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ _KINDS = (
 
 
 class GrowingTable:
-    """contacts.csv that can be read while it grows: a line for each frame as it comes, at once in the file.
+    """A contacts.csv that can be read while it grows: each frame's line is in the file at once.
 
     The final rows are kept in a file without a name, which nobody has to remove, and take its place when it is closed.
     Parquet cannot be read while it grows: a .parquet is written when it is closed, and grows as a .csv until then.
     """
 
     def __init__(self, path: Path, force: bool = False, *, final: bool = True) -> None:
-        """final : whether there will be final rows. Raises InputError for a file in the way, or another format."""
+        """final : whether there will be final rows. Raises InputError for an existing file, or another format."""
         check_format(path)
         self._path, self._grown, self._final = path, path.with_suffix(".csv"), final
         for each in {self._path, self._grown}:
@@ -62,7 +62,7 @@ class GrowingTable:
         self._rows[contact.final] += 1
 
     def close(self) -> None:
-        """Puts the final rows in place, if there is one of every frame; by `verdict`, the one on all of them."""
+        """Replace the rows by the final ones, if every frame has one, with the recording's `verdict` applied."""
         with self._kept, disk_errors_named(self._path):
             self._stream.close()
             if self._rows[False] and self._rows[self._final] == self._rows[False]:
@@ -94,7 +94,7 @@ def _opened(path: Path) -> io.FileIO:
 
 
 def _append_whole(stream: io.FileIO, line: str) -> None:
-    """Write all of it at the end, or none: on a disk that is full, what got there is taken off again."""
+    """Append a line completely or not at all: on a full disk the part that was written is removed again."""
     begin, left = stream.tell(), line.encode()
     try:
         while left:
@@ -105,8 +105,8 @@ def _append_whole(stream: io.FileIO, line: str) -> None:
 
 
 def json_line(contact: LiveContact) -> str:
-    """One line: the columns of contacts.csv, null where there is no number, and final, latency_s, age_s; `alarms` of a
-    watched rig, if there are any."""
+    """A contact as a line of JSON: the columns of contacts.csv, null for missing numbers, and final, latency_s,
+    age_s; `alarms` of a watched rig, if any."""
     cells: dict[str, Any] = {**cells_of(contact.row), "latency_s": contact.latency_s, "age_s": contact.age_s}
     plain = {
         name: None if isinstance(value, float) and not math.isfinite(value) else value for name, value in cells.items()
@@ -116,10 +116,10 @@ def json_line(contact: LiveContact) -> str:
 
 
 class Datagrams:
-    """Contacts by UDP, a JSON line in each datagram. Nobody learns whether one arrives."""
+    """Contacts by UDP, one JSON line in each datagram, without acknowledgement."""
 
     def __init__(self, address: str) -> None:
-        """address : HOST:PORT or PORT, of this machine. Raises InputError for what is none."""
+        """address : HOST:PORT, or PORT on this machine. Raises InputError for an invalid one."""
         self._address = udp_address(address, "--udp-out")
         try:
             family = socket.getaddrinfo(*self._address, type=socket.SOCK_DGRAM)[0][0]
@@ -138,12 +138,12 @@ class Datagrams:
 
 
 class ContactBag:
-    """Contacts as ROS messages: PointStamped and WrenchStamped of what is located, the pose with its covariance, and
-    every frame and alarm as JSON text (std_msgs/String), in an MCAP file, of which a kill loses the last second, or a
-    ROS bag by the suffix."""
+    """Contacts as ROS messages: PointStamped and WrenchStamped of located ones, the pose with its covariance, and
+    every frame and alarm as JSON text (std_msgs/String); in an MCAP file, of which a kill loses the last second, or
+    a ROS bag, by the suffix."""
 
     def __init__(self, path: Path, force: bool = False) -> None:
-        """Raises InputError for a file in the way."""
+        """Raises InputError for an existing file."""
         refuse_overwrite(path, force)
         self._path = path
         make_folder(path.parent)
@@ -166,7 +166,7 @@ class ContactBag:
 
 
 def contact_messages(contact: LiveContact) -> list[Logged]:
-    """A contact as ROS messages, at the picture's time; world frame."""
+    """The ROS messages of a contact, at the picture's time; world frame."""
     row = contact.row
     prefix, time_ns = "/contact/final" if contact.final else "/contact", max(round(1e9 * row.time_s), 0)
     text, placed, pressed, known = _KINDS

@@ -1,1 +1,1 @@
-"""Contacts to the object: what happened, surface, friction, stiffness."""
+"""From contacts to the object: events, surface, friction, stiffness."""

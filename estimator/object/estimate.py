@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class ObjectEstimate:
-    """An object: when the antenna touched, stuck and slid, for every frame; its shape, with its compliance; friction,
-    per touch of the surface; and what the frames' errors have in common."""
+    """An object: for every frame whether the antenna touched, stuck or slid; its shape and compliance; friction, per
+    touch of the surface; and the frames' shared errors."""
 
     track: Track
     surface: Surface
@@ -32,7 +32,7 @@ class ObjectEstimate:
 
     @property
     def compliance(self) -> Compliance:
-        """How far the object yields."""
+        """The object's compliance."""
         return self.surface.compliance
 
     @property
@@ -41,7 +41,7 @@ class ObjectEstimate:
         return self.friction.normals
 
     def summary(self) -> dict[str, Any]:
-        """The object's numbers as plain data; None for what the contacts do not determine, with the reason in words."""
+        """The object's numbers as plain data; None for undetermined ones, with the reason in words."""
         surface, rub, soft = self.surface, self.friction, self.surface.compliance
         return {
             "contacts": len(surface.touched_m),
@@ -81,7 +81,7 @@ class ObjectEstimate:
 def estimate_object(
     table: ContactTable, rig: Rig | None = None, friction_rad: float | None = None, *, events: bool = True
 ) -> ObjectEstimate:
-    """What the contacts of one object at rest say of it; the frames are in order of time.
+    """The object at rest from its contacts, in order of time.
 
     Without the rig that they were made with the antenna has no radius, and which of the errors are common is not known:
     the shape takes them for each frame's own, friction for both. `friction_rad` is what the contacts were estimated

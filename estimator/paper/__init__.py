@@ -1,1 +1,1 @@
-"""The paper's formulas and the systems around it, as baselines."""
+"""The paper's formulas, and related systems as baselines."""

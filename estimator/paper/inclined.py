@@ -83,7 +83,7 @@ def _pull(v: Array, ratio: Array) -> tuple[Array, Array]:
 
 
 def _turn(place: Array, ratio: Array, first: Array, last: Array, fold: Array) -> Array:
-    """Where in [first, last] a folded picture's equation turns; `last` for others."""
+    """The place in [first, last] at which a folded picture's equation has its extremum; `last` for others."""
     turn = last + 0.0 * first
     if not bool(fold.any()):
         return last
@@ -99,8 +99,8 @@ def _turn(place: Array, ratio: Array, first: Array, last: Array, fold: Array) ->
 
 
 def _root(function: Callable[[Array], tuple[Array, Array]], above: Array, below: Array, start: Array) -> Array:
-    """Root between `above`, where the function (value and slope) is positive, and `below`, by Newton's steps, kept
-    inside."""
+    """Root between `above`, where the function (value and derivative) is positive, and `below`, by Newton's method
+    with bisection bounds."""
     xp = namespace(above)
     v, middle = start, 0.5 * (above + below)
     v = xp.where((v - above) * (v - below) < 0.0, v, middle)
@@ -121,7 +121,7 @@ def _root(function: Callable[[Array], tuple[Array, Array]], above: Array, below:
 
 @dataclass(frozen=True, eq=False)
 class InclinedContact:
-    """What two points seen by the tilted camera and the moment determine, (...) each.
+    """Results (...) from two points of the tilted camera and the moment.
 
     `x_m` (..., 2) is where the points really are along the antenna, the nearer one first. `solutions` is the number of
     admissible contacts; more than one is an ambiguity, not an answer. The conditions are the largest relative errors of
@@ -149,7 +149,7 @@ def project(points_m: Any, camera_tilt_rad: Any = 0.0) -> Array:
 def inclined_two_point_contact(
     xp_m: Any, y_m: Any, moment_Nm: Any, stiffness_Nm2: Any, camera_tilt_rad: Any, length_m: Any = np.inf
 ) -> InclinedContact:
-    """Contact and force from two points (..., 2) of camera B and the moment τ_y (...), whichever case they are.
+    """Contact and force from two points (..., 2) of camera B and the moment τ_y (...), in all three cases.
 
     `camera_tilt_rad` is the paper's φ, `length_m` the antenna's length L; a contact beyond it is inadmissible.
     """
@@ -161,7 +161,7 @@ def inclined_two_point_contact(
 def eq29_baseline(
     xp_m: Any, y_m: Any, moment_Nm: Any, stiffness_Nm2: Any, camera_tilt_rad: Any, length_m: Any = np.inf
 ) -> np.ndarray:
-    """Contact distance (...) for two curved points as the paper has it, Eq. (29): for comparison only, it is biased.
+    """Contact distance (...) for two curved points by the paper's Eq. (29), which is biased: for comparison only.
 
     With γ = τ_y·tanφ/6EI (2EI is printed). It gives the *curved* points the depth of the straight part. Smallest root
     in 0 < l ≤ L, NaN where there is none. NumPy alone.

@@ -24,7 +24,7 @@ from vbaa_calib.core.errors import InputError
 
 
 def floats(*values: Any) -> list[Array]:
-    """Values in float64: tensors on one device as soon as one of them is a tensor, otherwise arrays."""
+    """Values in float64: tensors on one device if one of them is a tensor, otherwise arrays."""
     tensors = [value for value in values if is_tensor(value)]
     if not tensors:
         return [as_floats(value, "an argument", "give numbers") for value in values]
@@ -35,8 +35,8 @@ def floats(*values: Any) -> list[Array]:
 
 
 def in_pieces(work: Callable[..., tuple[Array, ...]], x_m: Array, y_m: Array, *values: Array) -> list[Array]:
-    """Results (...) of a function of points (n, 2), the nearer to the clamp first, and numbers (n,), in pieces. Points
-    x, y (..., 2) and values (...) broadcast. Warnings about NaN are off."""
+    """Results (...) of a function of points (n, 2), the nearer to the clamp first, and numbers (n,), computed in
+    pieces. Points x, y (..., 2) and values (...) broadcast. Warnings about NaN are off."""
     xp = namespace(y_m)
     try:
         batch = np.broadcast_shapes(x_m.shape[:-1], y_m.shape[:-1], *(value.shape for value in values))
@@ -71,7 +71,7 @@ class Part(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class TwoPointContact:
-    """What two points on plane C at `x_m` (..., 2) determine: a `Part`, contact distance l and f_y, (...) each."""
+    """Results (...) from two points on plane C at `x_m` (..., 2): a `Part`, contact distance l and f_y."""
 
     part: Array
     contact_m: Array
@@ -80,12 +80,13 @@ class TwoPointContact:
 
     @property
     def condition_contact(self) -> Array:
-        """(...) largest relative error of l per relative error of y1 and y2. Worked out when first asked for."""
+        """(...) condition number of l: its largest relative error per relative error of y1 and y2. Computed on first
+        use."""
         return self._conditions[0]
 
     @property
     def condition_force(self) -> Array:
-        """(...) largest relative error of f_y per relative error of y1 and y2."""
+        """(...) condition number of f_y: its largest relative error per relative error of y1 and y2."""
         return self._conditions[1]
 
     @cached_property
@@ -95,7 +96,8 @@ class TwoPointContact:
 
 
 def two_point_contact(x_m: Any, y_m: Any, stiffness_Nm2: Any, length_m: Any = np.inf) -> TwoPointContact:
-    """Contact distance and f_y from two points (..., 2), by the one case that is consistent with its own solution.
+    """Contact distance and f_y from two points (..., 2), by the one of the three cases that is consistent with its
+    own solution.
 
     Curved points solve Eqs. (8)–(11), straight ones Eqs. (12)–(15), of which Eq. (14) is mended. A contact beyond the
     antenna's length L, `length_m` (...), is inadmissible.

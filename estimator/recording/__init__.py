@@ -1,4 +1,4 @@
-"""All frames of a recording as one problem."""
+"""Refinement: all frames of a recording in one least-squares problem."""
 
 from .refined import Refined, refine
 

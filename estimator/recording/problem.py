@@ -40,7 +40,7 @@ def _known_equations(
     antenna_radius_m: float,
     shift: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Information (B, K, K) and side (B, K) that contacts on a straight pin or edge give.
+    """Information (B, K, K) and right side (B, K) from contacts known to lie on a straight pin or edge.
 
     With a the object's direction, t the antenna's tangent and n ∝ ± a × t, the contact point lies at (r + r_antenna)·n
     from the object's axis, whichever way it slid along it. Of the two equations across a, the one along t determines
@@ -69,20 +69,20 @@ def _known_equations(
 
 @dataclass(frozen=True, eq=False)
 class FrictionPrior(Rows):
-    """What Coulomb's law says of the friction angles beforehand."""
+    """Prior of the friction angles by Coulomb's law."""
 
     mean_rad: np.ndarray  # (B,)
     std_rad: np.ndarray  # (B,)
 
 
 def spread_evenly(count: int, most: int) -> np.ndarray:
-    """Indices of all, or of so many of them at most."""
+    """Evenly spaced indices, at most `most` of `count`."""
     return np.unique(np.linspace(0, max(count - 1, 0), min(count, most)).astype(int))
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The unknowns of a recording."""
+    """Values of all unknowns of a recording."""
 
     unknowns: np.ndarray  # (B, 4) of the frames as `rig_arrays.UNKNOWNS`
     # (S,) steps along the rig's R axes, the L common errors of all lines, a known object's place (3)
@@ -91,7 +91,7 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """Normal equations about a state, each frame's own unknowns eliminated (Schur complement)."""
+    """Normal equations at a state, with each frame's own unknowns eliminated (Schur complement)."""
 
     own_covariance: np.ndarray  # (B, 4, 4) of the unknowns, with the shared errors known
     through: np.ndarray  # (B, 4, S) how the unknowns follow the shared steps (with the sign of `schur_complement`)
@@ -110,7 +110,7 @@ class Equations:
 
 @dataclass(frozen=True, eq=False)
 class RecordingProblem:
-    """A recording of B contacts and F frames of the free antenna, to be fitted as one."""
+    """Joint least-squares problem of B contacts and F frames of the free antenna."""
 
     friction_rad: float  # unit of the friction angle among the unknowns
     views: tuple[Pictures, ...]  # of each camera; the first one's rig is that of the contacts, and has the readings
@@ -121,7 +121,7 @@ class RecordingProblem:
 
     @property
     def rig(self) -> Rig:
-        """As calibrated."""
+        """The rig as calibrated."""
         return self.views[0].rig
 
     @property
@@ -131,11 +131,11 @@ class RecordingProblem:
 
     @property
     def touching(self) -> Batch:
-        """What the first camera and the sensor measured in contact."""
+        """The first camera's and the sensor's measurements in contact."""
         return self.views[0].touching
 
     def picked(self, rows: np.ndarray, most_free: int) -> RecordingProblem:
-        """The problem with these contacts alone, and at most so many free frames of each camera."""
+        """The problem with only these contacts, and at most `most_free` free frames of each camera."""
         views = []
         for view in self.views:
             quiet = spread_evenly(len(view.free), most_free)
@@ -148,17 +148,17 @@ class RecordingProblem:
         return replace(self, views=tuple(views), fixed_at_tip=at_tip, friction=prior, time_s=self.time_s[rows])
 
     def lines_of(self, view: Pictures) -> int:
-        """How many errors a line in its pictures has."""
+        """Number of error terms of a line in one camera's pictures."""
         return RigArrays.from_rig(view.rig, self.friction_rad).line.size
 
     @property
     def lines(self) -> int:
-        """L, the number of errors that the detected lines of one frame have in all views."""
+        """Number L of error terms of the detected lines of one frame, all cameras together."""
         return sum(map(self.lines_of, self.views))
 
     @property
     def size(self) -> int:
-        """S."""
+        """Number S of shared steps."""
         return self.axes.shape[1] + self.lines + (0 if self.known is None else 3)
 
     def rig_at(self, shared: np.ndarray) -> Rig:
@@ -166,13 +166,13 @@ class RecordingProblem:
         return self.views[0].moved(shared)
 
     def arrays_at(self, shared: np.ndarray, view: int = 0) -> RigArrays:
-        """The same for the solver, or another camera's; its axes stay."""
+        """The rig after the shared steps in the solver's form, for one camera; its axes are unchanged."""
         of = self.views[view]
         return replace(RigArrays.from_rig(of.moved(shared), self.friction_rad), axes=of.axes)
 
     def equations(self, state: State, trust: np.ndarray | None = None) -> Equations:
-        """Of the contacts, linearised at a state; trust : as in `Equations`, by default, and where NaN, by the state
-        itself. It jumps where a frame's scatter, or its end, passes a threshold."""
+        """Normal equations of the contacts, linearised at a state. trust : as in `Equations`; by default, and where
+        NaN, from the state itself, discontinuous where a frame's scatter, or its end, passes a threshold."""
         views = [(self.arrays_at(state.shared, index), self._split(index)) for index in range(len(self.views))]
         begins = range(0, max(len(self.touching), 1), RefineSettings.chunk)
         parts = [self._of_chunk(views, state, slice(begin, begin + RefineSettings.chunk), trust) for begin in begins]
@@ -181,7 +181,7 @@ class RecordingProblem:
         )
 
     def free_equations(self, state: State) -> tuple[np.ndarray, np.ndarray]:
-        """Information (F, S, S) and side (F, S) that the frames of the free antenna give of the shared steps."""
+        """Information (F, S, S) and right side (F, S) of the frames of the free antenna on the shared steps."""
         own, size = self.lines, self.size
         information, side = [np.zeros((0, size, size))], [np.zeros((0, size))]
         for index, view in enumerate(self.views):
@@ -199,8 +199,9 @@ class RecordingProblem:
         return np.concatenate(information), np.concatenate(side)
 
     def _split(self, index: int) -> np.ndarray:
-        """(4 + R + K, 4 + L + S) a frame's unknowns and steps in one camera's pictures, with K errors of their lines,
-        from its own ones and the shared ones. A line's errors are partly common to all frames: by a lamp that moved."""
+        """(4 + R + K, 4 + L + S) matrix from own and shared unknowns to a frame's unknowns and rig steps in one
+        camera, with K errors of its lines. A line's errors are partly shared by all frames, as with a lamp that
+        moved."""
         view, rig, lines = self.views[index], self.axes.shape[1], self.lines
         before, count = sum(map(self.lines_of, self.views[:index])), self.lines_of(view)
         split = np.zeros((UNKNOWNS + rig + count, UNKNOWNS + lines + self.size))
@@ -215,8 +216,8 @@ class RecordingProblem:
 
     @staticmethod
     def _data(found: LinearisedFrames, unknowns: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Information and side of what was measured alone, the solver's priors taken out; ends : (B,) 0 where the
-        antenna's end is another thing's."""
+        """Information and right side of the measurements alone, without the solver's priors. ends : (B,) 0 where the
+        antenna's end is something else's."""
         whole, side = found.information.copy(), found.side.copy()
         diagonal = np.arange(whole.shape[1])
         whole[:, diagonal, diagonal] -= found.prior
@@ -289,8 +290,8 @@ class RecordingProblem:
 
 
 def _trust(taken: Batch, found: LinearisedFrames) -> np.ndarray:
-    """(B, 2) as `Equations.trust`, of one camera: by how much its points scatter more than noise does, and whether the
-    end lies where the antenna's may be."""
+    """(B, 2) as `Equations.trust`, for one camera: excess of its points' scatter over noise, and whether the end
+    lies where the antenna's may be."""
     points = np.maximum(np.isfinite(taken.points_px).all(axis=-1).sum(axis=1), 1)
     scatter = np.where(points > 1, found.excess, 1.0)  # a camera that saw nothing has none
     more = scatter > 1.0 + core.solver.EXCESS_SCATTER / np.sqrt(points)
@@ -304,7 +305,7 @@ def _trust(taken: Batch, found: LinearisedFrames) -> np.ndarray:
 
 
 def _determined(information: np.ndarray) -> np.ndarray:
-    """(B,) whether normal equations (B, K, K) have a solution that rounding leaves alone."""
+    """(B,) mask of the normal equations (B, K, K) that are solvable within rounding."""
     diagonal = np.einsum("bii->bi", information)
     positive = (diagonal > 0.0).all(axis=1)
     scale = 1.0 / np.sqrt(np.where(positive[:, None], diagonal, 1.0))

@@ -1,4 +1,4 @@
-"""Several pictures of one frame: what each of some cameras that watch the same antenna saw of a recording."""
+"""One frame as seen by several cameras: each camera's part of the joint problem of a recording."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from vbaa_calib.session import Frame
 
 @dataclass(frozen=True, eq=False)
 class Pictures:
-    """What one camera gives to the joint problem.
+    """One camera's part of the joint problem.
 
     rig : its camera's; antenna, sensor and joints are the first one's. axes : (17 + P, R) about it, of the R
         independent steps of all rigs together. touching, free : B contacts and F frames of the free antenna, at times
@@ -36,13 +36,13 @@ class Pictures:
     straight_s: np.ndarray
 
     def moved(self, shared: np.ndarray) -> Rig:
-        """After the shared steps (S,), of which the first R are the rigs'."""
+        """The part after the shared steps (S,), of which the first R are the rig's."""
         return self.rig.moved(self.axes @ shared[: self.axes.shape[1]])
 
 
 def completed(contacts: ContactTable, recording: Sequence[Measured], rig: Rig) -> ContactTable:
-    """The contacts of a rig with several cameras, those that are not located estimated again with all of them: edge-on
-    to one camera, the antenna is seen from the side by another."""
+    """The contacts of a rig with several cameras, with unlocated ones estimated again from all of them: edge-on to
+    one camera, the antenna is seen from the side by another."""
     if not rig.others:
         return contacts
     rows = list(contacts.rows())
@@ -81,7 +81,7 @@ def pictures_of(
 
 
 def _static(batch: Batch, arrays: RigArrays) -> np.ndarray:
-    """(B,) bool, frames in which the antenna is free beyond doubt, all of its errors allowed for."""
+    """(B,) mask of the frames in which the antenna is certainly free, with all of its errors allowed for."""
     if not len(batch):
         return np.zeros(0, bool)
     frames = batch.frames(arrays)

@@ -1,1 +1,1 @@
-"""Maximum likelihood of contact distance, force and friction, frame by frame in compiled functions."""
+"""Maximum-likelihood estimation of contact distance, force and friction, frame by frame, in compiled functions."""

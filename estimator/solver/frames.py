@@ -1,4 +1,4 @@
-"""Many frames' data, padded to one length, in ideal image coordinates."""
+"""Measurements of many frames, padded to one length, in ideal image coordinates."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .rig_arrays import RigArrays
 
 @dataclass(frozen=True, eq=False)
 class Frames(Rows):
-    """B frames of N points at most, in contiguous arrays of floats.
+    """B frames of at most N points, in contiguous float arrays.
 
     Attributes
     ----------
@@ -44,7 +44,8 @@ class Frames(Rows):
     tip_camera: np.ndarray
 
     def with_available(self, sensors: np.ndarray | float, ends: np.ndarray | float) -> Frames:
-        """The readings weighted by numbers, or (B, S), as `RigArrays.sensors`, the antenna's end by one, or (B,)."""
+        """The frames with the readings weighted by a number, or (B, S) as `RigArrays.sensors`, and the antenna's end
+        by one, or (B,)."""
         available, slots = self.available.copy(), self.rig_arrays.sensors
         available[:, slots] = sensors
         available[:, core.solver.END] = ends
@@ -52,7 +53,7 @@ class Frames(Rows):
 
     @staticmethod
     def together(rig_arrays: RigArrays, parts: Sequence[Frames], camera: np.ndarray, tip_camera: np.ndarray) -> Frames:
-        """Frames by what each of the cameras saw of them, and the end by tip_camera (B,)."""
+        """Frames of several cameras from one part for each, with the end by camera tip_camera (B,)."""
         rows = np.arange(len(tip_camera))
         points, covariance, usable = (
             np.concatenate([getattr(part, name) for part in parts], axis=1)
@@ -69,7 +70,7 @@ class Frames(Rows):
 
     @property
     def ends(self) -> np.ndarray:
-        """(B,) `available` of the antenna's end."""
+        """(B,) weights `available` of the antenna's end."""
         return self.available[:, core.solver.END]
 
 
@@ -81,7 +82,8 @@ def frames_from_pixels(
     tip_px: np.ndarray,
     gravity_m_s2: np.ndarray,
 ) -> Frames:
-    """Frames of pixels (B, N, 2) with deviations (B, N) across the antenna; what is not finite counts as missing.
+    """Frames from pixels (B, N, 2) with standard deviations (B, N) across the antenna; what is not finite counts as
+    missing.
 
     `readings_Nm` (B, 6) as `session.READINGS`: NaN where there is none. `tip_px` (B, 3): the antenna's end and its
     deviation along it. `gravity_m_s2` (B, 3) in the antenna frame, of a rig with one camera.
@@ -104,7 +106,7 @@ def frames_from_pixels(
 def _ideal(
     rig_arrays: RigArrays, points_px: np.ndarray, sigma_px: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pixels (..., 2) in normalized coordinates, their covariances (..., 3), and 1 for usable ones (...)."""
+    """Normalized coordinates of pixels (..., 2), their covariances (..., 3), and 1 for usable ones (...)."""
     shape, lens = points_px.shape[:-1], lens_of(rig_arrays.rig.camera.intrinsics)
     flat = np.ascontiguousarray(points_px, float).reshape(-1, 2)
     sigma = np.ascontiguousarray(sigma_px, float).reshape(-1)

@@ -1,4 +1,4 @@
-"""From frames to their fits: which minimum, which rung of the ladder, and what else would explain each frame."""
+"""From frames to fits: the global minimum, the rung of the ladder, and alternative minima of each frame."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .rig_arrays import UNKNOWNS
 def solve(
     frames: Frames, model: str, warm: np.ndarray | None = None, pieces_m: np.ndarray | None = None, jobs: int = 1
 ) -> FitNumbers:
-    """Fit B frames, each by itself, in `jobs` threads.
+    """Fit B frames independently, in `jobs` threads.
 
     warm : (B, 4) unknowns near the truth where finite; pieces_m : (G,) arc lengths of `motion.Beam`, if it is tested.
     """

@@ -1,4 +1,4 @@
-"""Many contacts at once, each linearised where it is: predictions and their derivatives, without a fit."""
+"""Linearisation of many contacts at once: predictions and derivatives, without a fit."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .rig_arrays import ANTENNA, UNKNOWNS, RigArrays
 
 
 class LinearisedFrames(NamedTuple):
-    """B contacts, in K = 4 + R unknowns and rig steps.
+    """B linearised contacts, in K = 4 + R unknowns and rig steps.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class LinearisedFrames(NamedTuple):
 
 
 def linearised(frames: Frames, rung: str, unknowns: np.ndarray) -> LinearisedFrames:
-    """The frames at unknowns (B, 4), the rig as calibrated."""
+    """The frames linearised at unknowns (B, 4), with the rig as calibrated."""
     count, size = len(frames), UNKNOWNS + frames.rig_arrays.steps
     read = len(frames.rig_arrays.std)
     shapes = ((3, core.solver.NODES), (6,), (6, size), (read,), (read, size), (size, size), (size,), (size,), ())
@@ -52,13 +52,13 @@ def linearised(frames: Frames, rung: str, unknowns: np.ndarray) -> LinearisedFra
 
 
 def edge_on(rig_arrays: RigArrays, unknowns: np.ndarray) -> np.ndarray:
-    """(B,) angle between the deformation plane 𝒟 of unknowns (B, 4) and the ray to the contact, rad; at 0 the antenna
-    looks straight however it bends."""
+    """(B,) angle, rad, between the deformation plane 𝒟 of unknowns (B, 4) and the ray to the contact; at 0 the
+    antenna looks straight however it bends."""
     return np.asarray(core.solver.edge_on(rig_arrays.core, np.ascontiguousarray(unknowns, float)))
 
 
 def bend(frames: Frames, rung: str, unknowns: np.ndarray, steps: np.ndarray | None = None) -> Curves:
-    """B·K antenna shapes for unknowns (B, K, 4); `steps` (B, K, 9) are added to the antenna's parameters."""
+    """B·K antenna shapes for unknowns (B, K, 4). steps : (B, K, 9) added to the antenna's parameters."""
     rig_arrays, grid = frames.rig_arrays, unknowns.shape[:2]
     parameters = rig_arrays.rig.antenna.parameters + (0.0 if steps is None else steps)
     flat = unknowns.reshape(-1, UNKNOWNS)
@@ -76,15 +76,15 @@ def bend(frames: Frames, rung: str, unknowns: np.ndarray, steps: np.ndarray | No
 
 @lru_cache(maxsize=8)
 def with_usual_axes(rig_arrays: RigArrays, unseen: float = 0.05) -> RigArrays:
-    """The same rig's errors in fewer axes: those that frames of an antenna as large as the picture, a point a pixel,
-    can tell from none.
+    """The rig with its errors in fewer axes: only those that frames of an antenna as large as the picture, with a
+    point a pixel, can distinguish from zero.
 
     unseen : information about a step of unit deviation, at most, along the axes that are left out.
     """
     shared, others = rig_arrays.axes.shape[1], UNKNOWNS + rig_arrays.line.size
 
     def columns(axes: int) -> int:
-        """As the core has them, in whole vectors."""
+        """The axes as the core stores them, in whole SIMD vectors."""
         return int(-(-(others + axes) // core.solver.LANES) * core.solver.LANES)
 
     if columns(shared) == columns(0):
@@ -101,7 +101,7 @@ def with_usual_axes(rig_arrays: RigArrays, unseen: float = 0.05) -> RigArrays:
 
 
 def _information_of_axes(there: LinearisedFrames, shared: int) -> np.ndarray:
-    """(B, R, R) what frames tell of the steps along R axes, by points, readings, and the contact that is sought."""
+    """(B, R, R) information of frames on the steps along R axes, by points and readings, with the contact unknown."""
     # full weight for the readings, which these frames do not have
     less = 1.0 - core.solver.HUBER / np.maximum(np.abs(there.residual), core.solver.HUBER)
     information = there.information + np.swapaxes(there.readings, 1, 2) @ (less[..., None] * there.readings)
@@ -113,7 +113,7 @@ def _information_of_axes(there: LinearisedFrames, shared: int) -> np.ndarray:
 
 
 def _typical(rig_arrays: RigArrays) -> tuple[Frames, np.ndarray]:
-    """Frames that show contacts all over the antenna under gravity from all sides, and their unknowns (B, 4)."""
+    """Frames of contacts all over the antenna under gravity from all sides, and their unknowns (B, 4)."""
     rig = rig_arrays.rig
     tried = (0.25, 0.5, 0.75, 1.0), (0.05, 0.2), 2.0 * np.pi * np.arange(3) / 3
     # the distance, the tip's deflection, both in antenna lengths, and the force's direction
@@ -142,8 +142,8 @@ def _typical(rig_arrays: RigArrays) -> tuple[Frames, np.ndarray]:
 
 
 class FreeAntennas(NamedTuple):
-    """Frames as the free antenna: normal equations (B, R, R), (B, R) of the rig's steps, its prior included, and the
-    most (B,) that a force would explain."""
+    """Frames as the free antenna: normal equations (B, R, R), (B, R) of the rig's steps with its prior, and an upper
+    bound (B,) on the gain by a force."""
 
     information: np.ndarray
     side: np.ndarray
@@ -151,8 +151,8 @@ class FreeAntennas(NamedTuple):
 
 
 def free_antennas(frames: Frames, steps: np.ndarray | None = None, farthest_std: float = np.inf) -> FreeAntennas:
-    """About rig steps (B, R), by default none. An end of the antenna farther off than so many deviations, the rig's
-    included, is another thing's and not used."""
+    """Frames linearised as the free antenna at rig steps (B, R), by default zero. An end farther off than
+    `farthest_std` standard deviations, the rig's included, is something else's and not used."""
     count, size, rig = len(frames), frames.rig_arrays.steps, frames.rig_arrays
     found = FreeAntennas(np.empty((count, size, size)), np.empty((count, size)), np.empty(count))
     at = np.zeros((count, size)) if steps is None else np.ascontiguousarray(steps, float)

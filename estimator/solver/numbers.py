@@ -1,4 +1,4 @@
-"""The fits of frames in plain numbers: contact points, forces and their covariances."""
+"""The fits of frames as plain numbers: contact points, forces and their covariances."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from vbaa_calib.native import core
 
 
 def _each(*shape: int, dtype: type = float) -> np.ndarray:
-    """An array with one entry of this shape and kind a frame."""
+    """Field of an array with one entry of this shape and kind per frame."""
     values: np.ndarray = field(metadata={"shape": shape, "dtype": dtype})
     return values
 
 
 @dataclass(frozen=True, eq=False)
 class FitNumbers:
-    """The fits of B frames in plain numbers, before it is decided what the data support; arrays of B rows.
+    """The fits of B frames as plain numbers, before it is decided what the data support; arrays of B rows.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ class FitNumbers:
 
     @property
     def force_determined(self) -> np.ndarray:
-        """(B, 2) whether the force's components along y and z are known to half of its size."""
+        """(B, 2) mask of the force's components along y and z that are known to half of their size."""
         force = np.hypot(self.unknowns[:, 1], self.unknowns[:, 2])
         return np.asarray((self.std[:, 1:3] < 0.5 * force[:, None]) | ~self.marginal[:, None])
 
@@ -124,16 +124,16 @@ class FitNumbers:
 
     @staticmethod
     def unwritten(count: int) -> FitNumbers:
-        """Room for the numbers of fits."""
+        """Uninitialised arrays for the numbers of fits."""
         return FitNumbers(*(np.zeros((count, *shape), dtype) for shape, dtype in _KINDS))
 
     def row(self, index: int) -> FitNumbers:
-        """One frame's."""
+        """The numbers of one frame."""
         return self if len(self) == 1 else FitNumbers(*(values[index : index + 1] for values in self.tables))
 
     @property
     def tables(self) -> tuple[np.ndarray, ...]:
-        """All of them."""
+        """All arrays, for the core."""
         return tuple(vars(self).values())
 
     def put(self, rows: np.ndarray, part: FitNumbers) -> None:

@@ -1,4 +1,4 @@
-"""A calibrated rig as plain arrays, and as the core takes it."""
+"""A calibrated rig as plain arrays, and in the core's form."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LINE_ERRORS = 3
 
 @dataclass(frozen=True, eq=False)
 class RigArrays:
-    """What is known before a frame is seen.
+    """Prior knowledge of a rig, before any frame.
 
     Attributes
     ----------
@@ -53,8 +53,8 @@ class RigArrays:
 
     @staticmethod
     def from_rig(rig: Rig, friction_rad: float, drift: bool = True) -> RigArrays:
-        """drift : whether the rig may have changed since its calibration, lines have errors of their own, and the
-        antenna's end counts."""
+        """The arrays of a rig. drift : whether the rig may have changed since its calibration, lines have errors of
+        their own, and the antenna's end counts."""
         rig = rig.drifted() if drift else replace(rig, tip=None)
         axes = rig.axes
         size = np.abs(axes).max(axis=0)
@@ -66,7 +66,7 @@ class RigArrays:
 
     @cached_property
     def core(self) -> Any:
-        """The core's: `structs.hpp` says what its fields mean."""
+        """The rig in the core's form; `structs.hpp` explains its fields."""
         rig = self.rig
         fields = SimpleNamespace(
             **{
@@ -96,27 +96,27 @@ class RigArrays:
 
     @cached_property
     def exact(self) -> RigArrays:
-        """The same rig as if it were known exactly."""
+        """The rig without uncertainty."""
         return replace(self, axes=self.axes[:, :0], line=self.line[:, :0])
 
     @cached_property
     def sensors(self) -> np.ndarray:
-        """(S,) where the readings of `session.READINGS` are among the core's, as far as the rig has room for them."""
+        """(S,) indices among the core's readings of those of `session.READINGS` for which the rig has space."""
         return np.delete(np.arange(len(self.std)), core.solver.END)
 
     @cached_property
     def exists(self) -> np.ndarray:
-        """(S,) bool, which of `sensors` the rig has."""
+        """(S,) mask of `sensors` that the rig has."""
         return np.asarray(self.by_wrench[self.sensors].any(axis=1))
 
     @property
     def steps(self) -> int:
-        """R + V L."""
+        """Number R + V L of error steps."""
         return self.axes.shape[1] + self.line.size
 
     @property
     def length_m(self) -> float:
-        """The antenna's."""
+        """Length of the antenna."""
         return self.rig.antenna.length_m
 
     @property
@@ -156,8 +156,8 @@ def _camera(one: Rig, T_antenna_clamp: Pose, line: np.ndarray) -> SimpleNamespac
 
 
 def _reading(rig: Rig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """`RigArrays.std`, `by_wrench` and `by_sensor` of a rig. About the moment about y alone there is room for one more
-    moment and the antenna's end; a wrench sensor has room for all."""
+    """`RigArrays.std`, `by_wrench` and `by_sensor` of a rig. For the moment about y alone there is space for one
+    more moment and the antenna's end; a wrench sensor has space for all."""
     noise, sensor, more = np.array(rig.reading_noise), rig.moment_sensor, rig.wrench_sensor
     gain, slots = sensor.gain if sensor.exists else 0.0, np.delete(np.arange(len(noise) + 1), core.solver.END)
     std = np.where(noise > 0.0, noise, 1.0)

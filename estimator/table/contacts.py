@@ -1,6 +1,6 @@
-"""One contact, its columns declared once: name, unit, shape and meaning of every number.
+"""A contact with its columns, declared once: name, unit, shape and meaning of every number.
 
-From the declaration come the estimator's result (`Contact`), the row and the table of contacts.csv, the attributes in
+The declaration generates the estimator's result (`Contact`), the row and the table of contacts.csv, the attributes in
 their docstrings, and the table in docs/formats.md.
 """
 
@@ -51,7 +51,7 @@ Text = TypeVar("Text")
 
 @dataclass(frozen=True)
 class _Column:
-    """What one field of a contact is. `names` are its columns in the file, where they differ from the field's name."""
+    """Declaration of a contact's field. names : its columns in the file, where they differ from the field's name."""
 
     unit: str
     meaning: str
@@ -61,19 +61,19 @@ class _Column:
 
 
 def _column(unit: str, meaning: str, default: Any = np.nan, digits: int = 9) -> Any:
-    """A number, flag or text."""
+    """Declare a number, flag or text."""
     return field(default=default, metadata={"column": _Column(unit, meaning, digits=digits)})
 
 
 def _vector(unit: str, meaning: str, names: str = "", shape: tuple[int, ...] = (3,)) -> Any:
-    """A vector, or a symmetric matrix by its upper triangle; NaN where it is unknown."""
+    """Declare a vector, or a symmetric matrix by its upper triangle; NaN where unknown."""
     column = _Column(unit, meaning, tuple(names.split()), shape)
     return field(default_factory=lambda: np.full(shape, np.nan), metadata={"column": column})
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Common(Generic[Number, Flag, Text]):
-    """What the estimator's results and the table share."""
+    """Fields that the estimator's results and the table share."""
 
     status: Text = _column("–", ", ".join(STATUSES), MISSING)
     in_contact: Flag = _column("–", "true or false; false also if unknown", False)
@@ -138,7 +138,8 @@ _SHARED = tuple(_declared(_Common))
 
 @dataclass(frozen=True, eq=False)
 class Jacobian(Rows):
-    """Derivatives of B contacts' distance_m, force_N (3, antenna frame) and point_world_m (3); of one without B.
+    """Derivatives of B contacts' distance_m, force_N (3, antenna frame) and point_world_m (3); without B for a
+    single one.
 
     By the implicit function theorem at the minimum of each fit, without second derivatives of the prediction, as in
     Gauss–Newton. Points that the robust loss takes for gross errors have the derivative 0. NaN where a contact is not
@@ -158,13 +159,14 @@ class Jacobian(Rows):
     by_rig: np.ndarray
 
     def of(self, index: int) -> Jacobian:
-        """One contact's, without the axis B."""
+        """The derivatives of one contact."""
         return Jacobian(*(each[index] for each in vars(self).values()))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Contact(ContactEstimate[float, bool, str]):
-    """One frame's result: a contact, or why there is none. Numbers that the data do not support are NaN.
+    """The result of one frame: a contact, or the reason why there is none. Numbers that the data do not support are
+    NaN.
 
     `reason` gives the status and the choice of the model in words; `bias` the predicted bias of the models that were
     compared, by name, in standard deviations of distance or force; `outside_points` is the number of centreline points
@@ -180,7 +182,7 @@ class Contact(ContactEstimate[float, bool, str]):
     jacobian: Jacobian | None = None
 
     def __repr__(self) -> str:
-        """What it is in a line: where, how hard, ± one standard deviation, and why if it is not located."""
+        """The contact in a line: distance and force, ± one standard deviation, and the reason if it is not located."""
         if self.status not in LOCATED:
             return f"<Contact: {self.status}: {self.reason}>"
         x, y, z = 1e3 * self.point_world_m
@@ -201,7 +203,7 @@ class Contact(ContactEstimate[float, bool, str]):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Columns(_Common[Number, Flag, Text], Generic[Whole, Number, Flag, Text]):
-    """What contacts.csv has besides."""
+    """Further columns of contacts.csv."""
 
     frame: Whole = _column("–", "number of the frame in the recording", MISSING)
     time_s: Number = _column("s", "from the recording", MISSING, digits=15)  # clocks that count from 1970 need them
@@ -223,7 +225,7 @@ class _Columns(_Common[Number, Flag, Text], Generic[Whole, Number, Flag, Text]):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ContactRow(_Columns[int, float, bool, str]):
-    """One frame of contacts.csv. A number that does not exist is NaN here and an empty cell in the file."""
+    """One frame of contacts.csv. A missing number is NaN here and an empty cell in the file."""
 
     @staticmethod
     def of(frame: Frame, contact: Contact) -> ContactRow:
@@ -245,7 +247,8 @@ class ContactRow(_Columns[int, float, bool, str]):
         )
 
     def estimate(self, kinematics: Kinematics) -> Contact:
-        """The contact of this row; of the force along x a table has no standard deviation, and none in old ones."""
+        """The contact of this row; a table has no standard deviation of the force along x, and old ones not the
+        force."""
         along = kinematics.T_world_antenna(self.pan_rad, self.tilt_rad).rotation[:, 0] @ self.force_world_N
         return Contact(
             reason=self.reason,
@@ -259,7 +262,7 @@ class ContactRow(_Columns[int, float, bool, str]):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ContactTable(_Columns[np.ndarray, np.ndarray, np.ndarray, np.ndarray], Rows):
-    """contacts.csv by columns, B frames: (B,), (B, 3) or (B, 3, 3); NaN where a number does not exist."""
+    """contacts.csv as columns, B frames: (B,), (B, 3) or (B, 3, 3); NaN for missing numbers."""
 
     @staticmethod
     def from_rows(rows: Sequence[ContactRow]) -> ContactTable:
@@ -267,27 +270,28 @@ class ContactTable(_Columns[np.ndarray, np.ndarray, np.ndarray, np.ndarray], Row
         return ContactTable(**{name: np.array([getattr(row, name) for row in rows]) for name in COLUMNS})
 
     def rows(self) -> Iterator[ContactRow]:
-        """Frame by frame."""
+        """The rows, frame by frame."""
         return (ContactRow(**{name: getattr(self, name)[i] for name in COLUMNS}) for i in range(len(self)))
 
     @property
     def assumed_friction_rad(self) -> float:
-        """The friction that the contacts were estimated with; the default where the table does not have it."""
+        """The friction prior that the contacts were estimated with; the default where the table does not have it."""
         known = self.friction_prior_rad[np.isfinite(self.friction_prior_rad)]
         return float(np.median(known)) if len(known) else FRICTION_RAD
 
     @property
     def clamp_moves(self) -> bool:
-        """Whether the antenna's frame is one of its own in every frame, at its clamp, and not the rig's."""
+        """Whether every frame has an antenna frame of its own, at a moving clamp, instead of the rig's."""
         return bool(np.isfinite(self.clamp_angle_rad).any())
 
     @property
     def paired(self) -> np.ndarray:
-        """(B,) bool: the row is one of several contacts of its frame."""
+        """(B,) mask of the rows that are one of several contacts of a frame."""
         return np.isin(self.frame, self.frame[self.contact > 0])
 
     def without_pairs(self) -> ContactTable:
-        """One row a frame: where there were several contacts, one that says so, without numbers."""
+        """The table with one row a frame; where a frame had several contacts, a row that states this, without
+        numbers."""
         if not (paired := self.paired).any():
             return self
         reason = "shows several contacts, which are not used here"
@@ -312,7 +316,7 @@ class ContactTable(_Columns[np.ndarray, np.ndarray, np.ndarray, np.ndarray], Row
 
     @property
     def located(self) -> np.ndarray:
-        """(B,) bool: the contact point of this frame may be used."""
+        """(B,) mask of the frames with a usable contact point."""
         return np.isin(self.status, LOCATED)
 
 
@@ -334,7 +338,7 @@ COLUMNS: dict[str, _Column] = {name: _declared(_Columns)[name] for name in (*REQ
 
 
 def columns_of(named: bool) -> tuple[str, ...]:
-    """The file's columns; those of antennas with names and moving clamps among them or not."""
+    """The file's columns, with or without those of named antennas and moving clamps."""
     return column_names(tuple(COLUMNS)[: None if named else -3])
 
 
@@ -392,7 +396,7 @@ class Measured:
     others: Mapping[str, Measured] = field(default_factory=dict)
 
     def of_camera(self, name: str) -> Measured:
-        """The measurement of a further camera; without points, if it has none."""
+        """The measurements of a further camera; without points if it has none."""
         nothing: dict[str, Any] = {"points_px": np.empty((0, 2)), "sigma_px": np.empty(0), "tip_px": np.full(3, np.nan)}
         return self.others[name] if name in self.others else replace(self, **nothing, covariance_shape=None, others={})
 
@@ -400,7 +404,8 @@ class Measured:
     def on_plane(
         rig: Rig, plane_xy_m: Any, covariance_m2: Any = None, *, sigma_px: Any = None, **readings: Any
     ) -> Measured:
-        """Points (N, 2) m on plane C, as `rig.camera_on_plane()` gives them: what the pixels measure that they are of.
+        """A measurement from points (N, 2) m on plane C, as `rig.camera_on_plane()` returns them: the pixels that
+        give these.
 
         covariance_m2 : (N, 2, 2) or (2, 2); without it `sigma_px`, or what the rig's own pictures have. readings : the
         other attributes, by name. Raises InputError.
@@ -415,11 +420,11 @@ class Measured:
 
     @property
     def readings(self) -> list[float]:
-        """(6,) as `session.READINGS`."""
+        """(6,) readings in the order of `session.READINGS`."""
         return [getattr(self, name) for name in READINGS.values()]
 
     def __post_init__(self) -> None:
-        """Raises InputError for what is no number, or in another unit."""
+        """Raises InputError for what is not a number, or in another unit."""
         arrays = self.points_px, self.sigma_px
         points, sigma = (as_floats(each, "points_px or sigma_px", "give px") for each in arrays)
         if points.ndim != 2 or points.shape[1] != 2 or sigma.shape != points.shape[:1]:
@@ -459,7 +464,7 @@ class Measured:
 
 
 def joint_angles(kinematics: Kinematics, table: ContactTable) -> tuple[np.ndarray, np.ndarray]:
-    """Pan and tilt (B,) in rad; NaN where the table has neither them nor a contact in both frames.
+    """Pan and tilt (B,) in rad; NaN where the table has neither these nor a contact in both frames.
 
     Raises
     ------
@@ -486,7 +491,7 @@ def joint_angles(kinematics: Kinematics, table: ContactTable) -> tuple[np.ndarra
 def _from_points(
     kinematics: Kinematics, point_antenna_m: np.ndarray, point_world_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The angles (B,) that carry points (B, 3) of the antenna frame to their places in the world; |tilt| below 90°."""
+    """The angles (B,) that carry points (B, 3) of the antenna frame to their world positions; |tilt| below 90°."""
     p = kinematics.T_actuator_antenna @ point_antenna_m
     q = point_world_m - kinematics.position_world_m
     sin, cos = np.sin(kinematics.axis_skew_rad), np.cos(kinematics.axis_skew_rad)

@@ -70,7 +70,7 @@ def write_contacts(
     force: bool = False,
     about: dict[bytes, bytes] | None = None,
 ) -> None:
-    """Write the rows, at least one, whole or not at all, as Parquet or CSV (nine digits) by suffix.
+    """Write one or more rows, completely or not at all, as Parquet or CSV (nine digits) by the suffix.
 
     Each is written as it comes: a generator of rows may be longer than the memory. `about` is the metadata of a
     Parquet file, complete after the last row.
@@ -100,7 +100,7 @@ def write_contacts(
 
 
 def _parquet_writer(path: Path, schema: pyarrow.Schema) -> ParquetWriter:
-    """Of a table in which only texts repeat: a dictionary of its numbers would take three times as long."""
+    """A writer that uses dictionaries for texts alone: those of numbers would take three times the space."""
     import pyarrow
     from pyarrow.parquet import ParquetWriter
 
@@ -109,13 +109,13 @@ def _parquet_writer(path: Path, schema: pyarrow.Schema) -> ParquetWriter:
 
 
 def header_line(named: bool = False) -> str:
-    """The first line of contacts.csv, of antennas with names or without."""
+    """The first line of contacts.csv, with or without names of antennas."""
     return ",".join(columns_of(named)) + "\n"
 
 
 def row_line(cells: Mapping[str, Any]) -> str:
-    """A line of contacts.csv, of what `cells_of` gives. Numbers that exist, most of all, are written by the format
-    of their column."""
+    """A line of contacts.csv from the result of `cells_of`. Existing numbers, the usual case, are written by the
+    format of their column."""
     written = [
         form % value if type(value) is float and math.isfinite(value) else _quoted(_text(value, digits))
         for form, digits, value in zip(_FORMATS, _DIGITS.values(), cells.values(), strict=False)
@@ -124,7 +124,7 @@ def row_line(cells: Mapping[str, Any]) -> str:
 
 
 def _quoted(text: str) -> str:
-    """A cell as `csv` writes it."""
+    """A cell, quoted as `csv` does."""
     return '"' + text.replace('"', '""') + '"' if _SPECIAL.search(text) else text
 
 
@@ -185,8 +185,8 @@ def read_contacts(path: Path, several: bool = False, antenna: str | None = None)
 
 
 def _plain_table(path: Path) -> ContactTable | None:
-    """The table of a CSV as `write_contacts` writes it, a column at a time; None for any that is not, or not in order,
-    which `read_contacts` reads or refuses row by row."""
+    """The table of a CSV in the form that `write_contacts` writes, read by columns; None for any other, or one that
+    is not in order, which `read_contacts` reads or refuses row by row."""
     try:
         # small ones are read before Arrow is loaded, large ones would take much memory
         data = path.read_bytes() if 1 << 18 < path.stat().st_size < 1 << 26 else b""
@@ -246,7 +246,7 @@ def _plain_table(path: Path) -> ContactTable | None:
 
 
 def _in_order(table: ContactTable) -> bool:
-    """Whether every row of a table is as `_row_of` and `read_contacts` ask of it: one contact a frame."""
+    """Whether every row of a table fulfils what `_row_of` and `read_contacts` require, with one contact a frame."""
     columns = {name: np.asarray(getattr(table, name)).reshape(len(table), -1) for name in COLUMNS if name not in _TEXTS}
     missing = [np.isnan(each).sum(axis=1) for each in columns.values()]
     widths = [each.shape[1] for each in columns.values()]
@@ -276,7 +276,7 @@ def rewrite_contacts(
     changed: Callable[[int, str, str], tuple[str, str]],
     about: dict[bytes, bytes] | None = None,
 ) -> None:
-    """Give rows of a file that `write_contacts` wrote another status and reason, whole or not at all, row by row.
+    """Change status and reason of rows in a file of `write_contacts`, completely or not at all, row by row.
 
     changed : of a row's number from 0 on, its status and reason, those that it shall have. All else stays to the digit,
     and so does a Parquet file's metadata, to which `about` is added.
@@ -317,7 +317,7 @@ def rewrite_contacts(
 
 
 def cells_of(row: ContactRow) -> dict[str, int | float | bool | str]:
-    """Column → value in the order of the columns; NaN where a number does not exist. Raises InputError."""
+    """Column → value in the order of the columns; NaN for missing numbers. Raises InputError."""
     if not isinstance(row, ContactRow):
         raise InputError(f"a row is {quoted(row)}", remedy="give a ContactRow for each frame")
     cells: dict[str, int | float | bool | str] = {}
@@ -335,7 +335,7 @@ def cells_of(row: ContactRow) -> dict[str, int | float | bool | str]:
 
 
 def _text(value: Any, digits: int = 0) -> str:
-    """A cell; "" for what does not exist. Floats with all digits, or so many."""
+    """A cell; "" for missing values. Floats with all digits, or with `digits`."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return ""
     if isinstance(value, float) and digits:
@@ -344,7 +344,7 @@ def _text(value: Any, digits: int = 0) -> str:
 
 
 def _parquet_rows(path: Path, columns: tuple[str, ...], optional: tuple[str, ...]) -> Iterator[dict[str, str]]:
-    """Rows as text, as `csv_rows` gives them: "" for null and NaN, and the row's number from 1 on as `line`."""
+    """Rows as text, as `csv_rows` yields them: "" for null and NaN, and the row's number from 1 on as `line`."""
     import pyarrow
     from pyarrow.parquet import ParquetFile
 
@@ -373,7 +373,7 @@ def _parquet_rows(path: Path, columns: tuple[str, ...], optional: tuple[str, ...
 
 
 def _row_of(record: Mapping[str, str], path: Path) -> ContactRow:
-    """The row of a record of texts; `line` is its place in the file. Raises InputError for a wrong cell."""
+    """The row from a record of texts; `line` is its place in the file. Raises InputError for a wrong cell."""
     where, status = f"{path} line {record['line']}", record["status"]
     if status not in STATUSES:
         raise InputError(f"status is {status!r}", where=where, remedy=f"one of {', '.join(STATUSES)} is needed")

@@ -1,4 +1,4 @@
-"""What came of a recording's frames: what was read with them, and why some have no contact point."""
+"""Overview of a recording's frames: their readings, statuses, and reasons why some have no contact point."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .contacts import LOCATED, Contact, Measured
 
 @dataclass(eq=False)
 class Overview:
-    """Frames of a recording, or of several, counted as they come.
+    """Counts of the frames of a recording, or of several, as they come.
 
     columns : of the rig's sensors; what else is read is not used.
     frames, read : how many there are, and with how many each channel was read. assumed_rad : joint angles that were not
@@ -47,7 +47,8 @@ class Overview:
         self._first: dict[tuple[str, str], tuple[int, str]] = {}
 
     def add_readings(self, frame: Frame, measured: Measured | None = None, contact: Contact | None = None) -> None:
-        """Counts a frame's readings and its points outside the picture; with its contact, whether its end is used."""
+        """Count a frame's readings and its points outside the picture; with its contact, whether the antenna's end
+        was used."""
         self.frames += 1
         if contact is not None and contact.end_used is not None:
             self.ends.update({"seen": 1, "unused": int(not contact.end_used)})
@@ -66,11 +67,11 @@ class Overview:
 
     @property
     def _named(self) -> list[str]:
-        """The channels that are counted: moment and joints, and what else the rig reads."""
+        """The counted channels: moment and joints, and the rig's other readings."""
         return [name for name in CHANNELS if name in (CHANNELS[0], *CHANNELS[-2:], *self.columns)]
 
     def add_result(self, frame: int, status: str, reason: str) -> None:
-        """What became of a frame."""
+        """Count a frame's status and reason."""
         self.status[status] += 1
         kind = status, ""
         if status not in (*LOCATED, "no_contact"):
@@ -80,8 +81,8 @@ class Overview:
         self._kinds.append(place)
 
     def amend(self, changed: Callable[[int, str, str], tuple[str, str]]) -> None:
-        """Count the results anew, with other statuses and reasons: `changed` gives them, of a row's number from 0 on,
-        its status and a reason of its kind."""
+        """Recount the results with changed statuses and reasons. changed : from a row's number (from 0), its status
+        and a reason of its kind."""
         before = [(status, reason) for (status, _), (_, reason) in self._first.items()]
         rows, kinds = self._rows, self._kinds
         self.status, self.reasons = Counter(), {}
@@ -90,7 +91,7 @@ class Overview:
             self.add_result(frame, *changed(number, *before[kind]))
 
     def _add_reason(self, one: dict[str, Any]) -> tuple[str, str]:
-        """Count frames that have a reason of the same kind; status and kind."""
+        """Count frames with a reason of the same kind."""
         status, reason = one["status"], one["reason"]
         kind = re.sub(r"\([^)]*\)", "", reason.partition("; ")[0])
         kind = re.sub(r"[-+]?\d+(?:[.,]\d+)*(?:e[-+]?\d+)?", "#", kind)
@@ -99,7 +100,7 @@ class Overview:
         return status, kind or "#"
 
     def join(self, numbers: Mapping[str, Any], **where: str) -> None:
-        """Add another's `numbers`: of a further part, or recording. where : what tells its first frames apart."""
+        """Add the `numbers` of another part or recording. where : prefix that identifies its frames."""
         readings = numbers["readings"]
         self.frames += readings["frames"]
         self.read.update({name: readings[name] for name in CHANNELS if readings.get(name)})
@@ -115,8 +116,8 @@ class Overview:
             self._add_reason(one | where)
 
     def numbers(self) -> dict[str, Any]:
-        """For `--json`: `status`, `readings`, `set_aside`, `forces_partly_known`, and `reasons` with the commonest kind
-        first."""
+        """The counts for `--json`: `status`, `readings`, `set_aside`, `forces_partly_known`, and `reasons` with the
+        commonest kind first."""
         read = {name: self.read[name] for name in self._named}
         return {
             "status": dict(self.status.most_common()),
@@ -128,13 +129,13 @@ class Overview:
 
     @property
     def unused(self) -> dict[str, int]:
-        """How many frames show the antenna's end, how many of these ends are not used, in how many frames points lie
-        outside the picture, and how many such points."""
+        """Numbers of frames with a visible end, of ends not used, of frames with points outside the picture, and of
+        such points."""
         counts = {f"ends_{name}": self.ends[name] for name in ("seen", "unused")}
         return counts | {f"outside_{name}": self.outside[name] for name in ("frames", "points")}
 
     def outside_in_words(self, image_size: tuple[int, int]) -> list[str]:
-        """A sentence on the points outside pictures of this size, with the likely cause; none without such points."""
+        """A sentence on the points outside pictures of this size, with the likely cause; "" without such points."""
         if not self.outside["points"]:
             return []
         points, frames, used = (self.outside[name] for name in ("points", "frames", "used"))
@@ -145,7 +146,7 @@ class Overview:
 
 
 def _remedy(status: str, reason: str) -> str:
-    """What helps against a frame's reason, as in contacts.csv; empty where that says so itself, or nothing is known."""
+    """The remedy for a frame's reason in contacts.csv; empty where the reason contains it, or none is known."""
     own = re.search(r"\(remedy: (.*)\)$", reason)
     match status:
         case _ if own is not None:
@@ -170,8 +171,7 @@ def _remedy(status: str, reason: str) -> str:
 
 
 def overview_in_words(numbers: Mapping[str, Any], most: int = 3) -> list[str]:
-    """`Overview.numbers`, a line each: statuses, readings, and the commonest reasons for frames without a contact
-    point."""
+    """`Overview.numbers` in lines: statuses, readings, and the commonest reasons for frames without a contact point."""
     statuses, reasons = numbers["status"], numbers["reasons"]
     total, lost = sum(statuses.values()), sum(one["frames"] for one in reasons)
     lines = [
@@ -200,7 +200,8 @@ def overview_in_words(numbers: Mapping[str, Any], most: int = 3) -> list[str]:
 
 
 def _unused_in_words(unused: Mapping[str, int], total: int) -> str:
-    """Of `Overview.numbers`, what contradicts the rest of its frame and is not used; empty where there is nothing."""
+    """A sentence on the measurements that contradict the rest of their frame and are not used, from
+    `Overview.numbers`; empty without any."""
     words = []
     if unused.get("ends_unused"):
         words.append(f"the antenna's visible end in {unused['ends_unused']} of {unused['ends_seen']} frames with one")

@@ -1,4 +1,4 @@
-"""Friction between antenna and object, the force against the normal, and normals that the force has confirmed."""
+"""Friction between antenna and object, the force relative to the normal, and normals corrected by the force."""
 
 from .friction import Friction, FrictionSettings, friction, steady_slides
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FrictionSettings:
-    """What counts as friction: of one object's μ, and of the touches that tell it."""
+    """Thresholds of the friction coefficient and of the touches that determine it."""
 
     largest_mu: float = 2.0  # no larger μ is searched
     bound_loss: float = 0.5 * 1.645**2  # log likelihood that a bound which holds in 95 % costs
@@ -79,7 +79,7 @@ class FrictionSettings:
 
 @dataclass(frozen=True, eq=False)
 class _Angles:
-    """P angles; NaN where not known or not to be used."""
+    """P angles; NaN where unknown or not to be used."""
 
     angle_rad: np.ndarray  # (P,)
     std_rad: np.ndarray  # (P,) own deviations
@@ -87,7 +87,7 @@ class _Angles:
 
     @property
     def whole_std_rad(self) -> np.ndarray:
-        """(P,) own and common together."""
+        """(P,) total standard deviations, of own and shared errors."""
         return np.hypot(self.std_rad, np.linalg.norm(self.modes_rad, axis=1))
 
 
@@ -110,18 +110,18 @@ class _FrictionTouches:
 
     @property
     def across(self) -> np.ndarray:
-        """(P,) bool: the lateral angle is used."""
+        """(P,) mask of the touches with a usable lateral angle."""
         return (self.used_as != "unused") & np.isfinite(self.lateral.angle_rad)
 
     @property
     def counts(self) -> tuple[int, int]:
-        """How many touches slide, and how many are used at all."""
+        """Number of touches that slide, and of all that are used."""
         return int(np.sum(self.used_as == "sliding")), int(np.sum(self.used_as != "unused"))
 
 
 @dataclass(frozen=True, eq=False)
 class _FrictionAngles:
-    """R angles, lateral and longitudinal ones of all touches that are used."""
+    """R friction angles: lateral and longitudinal ones of all touches that are used."""
 
     angles: _Angles  # R
     slides: np.ndarray  # (R,) the others only bound μ
@@ -132,7 +132,7 @@ class _FrictionAngles:
 
     @staticmethod
     def of(rubs: _FrictionTouches) -> _FrictionAngles:
-        """What is known of the touches that are used; of sliding ones along the sure parts of the slip. Where fewer
+        """The angles of usable touches, of sliding ones along the certain components of the slip. If fewer touches
         slide than μ needs, none counts as sliding."""
         if rubs.counts[0] < FrictionSettings.fewest_sliding:
             rubs = replace(rubs, used_as=np.where(rubs.used_as == "sliding", "sticking", rubs.used_as))
@@ -159,21 +159,21 @@ class _FrictionAngles:
         )
 
     def expected(self, mu: np.ndarray) -> np.ndarray:
-        """(G, R) angles of touches that slide, rad, for each μ (G,); 0 of the others."""
+        """(G, R) expected angles, rad, of sliding touches for each μ (G,); 0 for the others."""
         across = np.arctan(mu[:, None] * self.slip[:, 0])
         along = np.arctan(mu[:, None] * self.slip[:, 1] * np.cos(across))
         return np.where(self.lateral, -across, along)
 
     def spread(self, mu: np.ndarray) -> np.ndarray:
-        """(G, R) own deviations, rad, for each μ (G,), larger where the slip's direction is unsure. Their logarithm is
-        not in the cost: it would draw μ towards 0."""
+        """(G, R) own standard deviations, rad, for each μ (G,), larger where the slip's direction is uncertain.
+        Their logarithm is left out of the cost, since it would bias μ towards 0."""
         other = np.where(self.lateral, self.slip[:, 1], self.slip[:, 0])
         return np.hypot(self.angles.std_rad, mu[:, None] * other * self.slip_std_rad)
 
 
 @dataclass(frozen=True, eq=False)
 class _Profile(Rows):
-    """Fit of the common errors to the angles at each of G values of μ."""
+    """Fit of the shared errors to the angles at each of G values of μ."""
 
     mu: np.ndarray  # (G,)
     cost: np.ndarray  # (G,) negative log-likelihood with the common errors profiled out
@@ -192,7 +192,8 @@ def _student_t_weights(off: np.ndarray) -> np.ndarray:
 
 
 def _profile(evidence: _FrictionAngles, mu: np.ndarray, start: np.ndarray | None = None) -> _Profile:
-    """At values of μ (G,), from common errors (K,) on: weighted least squares, a dead zone where nothing need slide."""
+    """Profile at values of μ (G,), from initial shared errors (K,): weighted least squares, with a dead zone for
+    touches that need not slide."""
     modes = evidence.angles.modes_rad
     z = np.tile(np.zeros(modes.shape[1]) if start is None else start, (len(mu), 1))
     expected, spread = evidence.expected(mu), evidence.spread(mu)
@@ -230,7 +231,8 @@ def _profile(evidence: _FrictionAngles, mu: np.ndarray, start: np.ndarray | None
 
 @dataclass(frozen=True, eq=False)
 class _Coefficient:
-    """Posterior of the friction coefficient μ by the touches; its prior is even up to `FrictionSettings.largest_mu`."""
+    """Posterior of the friction coefficient μ from the touches; its prior is uniform up to
+    `FrictionSettings.largest_mu`."""
 
     mu: float  # mean of the posterior
     std: float  # of the posterior
@@ -245,7 +247,7 @@ class _Coefficient:
 
 
 def _coefficient(evidence: _FrictionAngles) -> _Coefficient:
-    """The posterior of μ; touches that slide and scatter more than their deviations say are believed less."""
+    """The posterior of μ, widened where sliding touches scatter more than their standard deviations."""
     angles = evidence.angles
     # orthonormal: what else the common errors do moves no angle
     scaled = angles.modes_rad / angles.std_rad[:, None]
@@ -283,7 +285,7 @@ def _coefficient(evidence: _FrictionAngles) -> _Coefficient:
 
 
 def _profile_on_grids(evidence: _FrictionAngles) -> _Profile:
-    """At a coarse grid of μ, and at a fine one where that finds the likely values."""
+    """The profile on a coarse grid of μ, refined around the likely values."""
     grid = np.tan(np.linspace(0.0, np.arctan(FrictionSettings.largest_mu), FrictionSettings.coarse_points))
     coarse = _profile(evidence, grid)
     best = int(np.argmin(coarse.evidence))
@@ -295,13 +297,14 @@ def _profile_on_grids(evidence: _FrictionAngles) -> _Profile:
 
 
 def _cost_without_worst(evidence: _FrictionAngles, found: _Profile) -> np.ndarray:
-    """(G,) the costs without the touches farthest outside the cone."""
+    """(G,) costs without the touches farthest outside the cone."""
     outside = np.sort(_student_t_losses(found.off[:, ~evidence.slides]), axis=1)
     return found.cost - outside[:, max(outside.shape[1] - FrictionSettings.spared, 0) :].sum(axis=1)
 
 
 def _bounds(evidence: _FrictionAngles, found: _Profile) -> np.ndarray:
-    """(2,) where the profile likelihood rises above its least by `FrictionSettings.bound_loss`, below and above it."""
+    """(2,) values of μ below and above the minimum at which the profile cost exceeds it by
+    `FrictionSettings.bound_loss`."""
     cost = _cost_without_worst(evidence, found)
     dear, best = cost > cost.min() + FrictionSettings.bound_loss, int(np.argmin(cost))
     below, above = np.flatnonzero(dear[:best]), best + np.flatnonzero(dear[best:])
@@ -317,8 +320,8 @@ def _bounds(evidence: _FrictionAngles, found: _Profile) -> np.ndarray:
 
 
 def _judge(rubs: _FrictionTouches, mu: _Coefficient | None) -> tuple[bool, str, np.ndarray]:
-    """Whether μ is determined, the reason in words, and its interval or one-sided bounds (2,), 0 and inf without any;
-    `mu` is None where no touch could be used."""
+    """Whether μ is determined, the reason in words, and its interval or one-sided bounds (2,), 0 and inf without
+    any. mu : None where no touch could be used."""
     (sliding, used), nothing = rubs.counts, np.array([0.0, np.inf])
     known = "a force and a normal from the shape whose directions are"
     advice = "stroke the object across the antenna, over some length"
@@ -362,7 +365,7 @@ def _judge(rubs: _FrictionTouches, mu: _Coefficient | None) -> tuple[bool, str, 
 
 
 def _bound_words(bounds: np.ndarray) -> str:
-    """The bounds (2,) that there are, ready to be added to a sentence."""
+    """The existing ones of bounds (2,) in words, to be appended to a sentence."""
     low, high = np.floor(100.0 * bounds[0]) / 100.0, np.ceil(100.0 * bounds[1]) / 100.0
     if bounds[0] > 0.005 and high < np.inf:
         return f"; μ lies from {low:.2f} to {high:.2f} (each bound 95 %)"
@@ -371,7 +374,7 @@ def _bound_words(bounds: np.ndarray) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Friction:
-    """What P touches say of the friction between antenna and object, one μ for both sticking and sliding.
+    """Friction between antenna and object from P touches, with one μ for both sticking and sliding.
 
     Attributes
     ----------
@@ -419,7 +422,7 @@ def friction(
     friction_rad: float,
     rig: Rig | None = None,
 ) -> Friction:
-    """One μ for the object; forces against normals; normals by the force.
+    """Estimate the object's μ, the force directions relative to the normals, and normals corrected by the force.
 
     Surface and track are of the same table. `shared` is what the frames' errors have in common, `CommonErrors.none`
     without a rig, which counts every error as common and as the frame's own; `friction_rad` the standard deviation of
@@ -461,8 +464,8 @@ def friction(
 
 
 def _fitted(rubs: _FrictionTouches) -> tuple[_FrictionTouches, _Coefficient | None]:
-    """The touches as they took part in the fit, and their coefficient, None where none can be used. A contact that
-    slides to and fro faster than the slip is averaged lies inside the cone: it then counts as not surely sliding."""
+    """The touches as used in the fit, and their coefficient, None where none is usable. A contact that slides to and
+    fro faster than the slip is averaged lies inside the cone: it then no longer counts as sliding."""
     for _ in range(FrictionSettings.relabelled):
         evidence = _FrictionAngles.of(rubs)
         if not len(evidence.touch):
@@ -490,8 +493,8 @@ def _update_normals(
     mu: _Coefficient | None,
     largest_mu: float,
 ) -> Normals:
-    """The shape's normals, turned about the antenna as the forces require: of sliding touches by the fit of μ, of
-    others, and where no μ fits, within the cone of `largest_mu`, inf where nothing is known of it."""
+    """The shape's normals, rotated about the antenna by the forces: for sliding touches by the fit of μ; for others,
+    and where no μ fits, into the cone of `largest_mu`, inf where that is unknown."""
     lateral = axes.lateral
     before = np.maximum(axes.lateral_variance(normals.covariance), 0.0)
     angle, variance, fitted = np.zeros(len(rubs)), before, np.zeros(len(rubs), bool)
@@ -516,8 +519,8 @@ def _update_normals(
 def _by_force(
     rubs: _FrictionTouches, found: _Angles, mu: _Coefficient | None, largest_mu: float, fitted: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Turns (P,) and variances (P,) where the force alone sees the normal: on the cone's rim in touches that slide, if
-    μ is known, in others anywhere in it, taken as Gaussian; nothing where the fit has had its say."""
+    """Rotations (P,) and variances (P,) from the force alone: on the cone's rim in sliding touches, if μ is known,
+    in others anywhere in it, approximated as Gaussian; none for touches that the fit has used."""
     whole = found.std_rad**2 + np.sum(found.modes_rad**2, axis=1)
     cone = np.arctan(largest_mu if np.isfinite(largest_mu) else FrictionSettings.unknown_mu) ** 2 / 3.0
     angle, variance = found.angle_rad, cone + whole
@@ -530,8 +533,8 @@ def _by_force(
 
 
 def _by_fit(before: np.ndarray, rubs: _FrictionTouches, mu: _Coefficient) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Turns (P,) and variances (P,) that the fit found of the touches that took part, over the values that μ may have:
-    their common errors and each one's own. And by how much (P,) touches lie off, 0 where that is as it should be."""
+    """Rotations (P,) and variances (P,) from the fit for the touches that took part, over the posterior of μ: due to
+    their shared errors and each one's own. Also the residuals (P,), 0 within the cone."""
     modes = rubs.normal_modes_rad @ mu.axes.T
     beyond = np.sum(rubs.normal_modes_rad**2, axis=1) - np.sum(modes**2, axis=1)
     evidence = _FrictionAngles.of(rubs)
@@ -557,7 +560,7 @@ def _by_fit(before: np.ndarray, rubs: _FrictionTouches, mu: _Coefficient) -> tup
 
 @dataclass(frozen=True, eq=False)
 class _Axes:
-    """At P touches, world frame, orthonormal; NaN where the antenna's tangent is not known.
+    """Orthonormal axes at P touches, world frame; NaN where the antenna's tangent is unknown.
 
     A smooth wire lies flat on what it touches: on its side the normal is taken less its part along the antenna, at its
     tip the tangent less its part along the normal.
@@ -569,7 +572,7 @@ class _Axes:
 
     @staticmethod
     def of(normal: np.ndarray, tangent: np.ndarray, at_tip: np.ndarray) -> _Axes:
-        """From unit vectors (P, 3), and where (P,) the tip touches."""
+        """The axes from unit normals and tangents (P, 3). at_tip : (P,) mask of touches by the tip."""
         lateral = _unit(np.cross(normal, tangent))
         flat = _unit(np.cross(tangent, lateral))
         return _Axes(
@@ -579,7 +582,7 @@ class _Axes:
         )
 
     def lateral_variance(self, covariance: np.ndarray) -> np.ndarray:
-        """(P,) of vectors with these covariances (P, 3, 3)."""
+        """(P,) lateral variances of vectors with covariances (P, 3, 3)."""
         return np.einsum("pi,pij,pj->p", self.lateral, covariance, self.lateral)
 
 
@@ -595,7 +598,7 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _force_directions(table: ContactTable, shared: CommonErrors, rows: np.ndarray, axes: _Axes) -> _Angles:
-    """Of the forces in these rows (P,), from the normal about the antenna, positive along `_Axes.lateral`."""
+    """Angles (P,) of the forces in these rows from the normal, about the antenna, positive along `_Axes.lateral`."""
     force = table.force_world_N[rows]
     across = np.hypot(_dot(force, axes.normal), _dot(force, axes.lateral))
     y, z, across = table.force_y_N, table.force_z_N, np.where(across > 0.0, across, np.nan)
@@ -614,7 +617,8 @@ def _force_directions(table: ContactTable, shared: CommonErrors, rows: np.ndarra
 
 
 def _spread_across(point_m: np.ndarray, own_m2: np.ndarray, axes: _Axes, patch: np.ndarray) -> np.ndarray:
-    """(P,) bool, of points (P, 3) with own covariances (P, 3, 3) on patches (P,); False where these are not known."""
+    """(P,) mask of the points (P, 3), with own covariances (P, 3, 3), on patches (P,) that extend across the
+    antenna; False where unknown."""
     same = patch[:, None] == patch
     apart = np.where(same, cdist(point_m, point_m), 0.0)
     extent = np.array([apart[patch == label].max() for label in patch])
@@ -631,7 +635,7 @@ def _spread_across(point_m: np.ndarray, own_m2: np.ndarray, axes: _Axes, patch: 
 def _friction_touches(
     table: ContactTable, surface: Surface, track: Track, shared: CommonErrors, friction_rad: float
 ) -> tuple[_FrictionTouches, _Axes, _Angles]:
-    """The touches of a surface, with the axes and the forces' lateral directions behind them; see `friction`."""
+    """The touches of a surface, with axes and lateral force directions; see `friction`."""
     rows = surface.touched_row
     axes = _Axes.of(surface.touched_normal, table.tangent_world[rows], table.status[rows] == "tip_contact")
     found = _force_directions(table, shared, rows, axes)
@@ -676,7 +680,7 @@ def _friction_touches(
 
 
 def steady_slides(track: Track, time_s: np.ndarray) -> np.ndarray:
-    """(B,) bool: frames that slide for certain, in the midst of sliding one way."""
+    """(B,) mask of frames that slide for certain: within a stretch of sliding in one direction."""
     sliding, way = track.phase == "sliding", np.nan_to_num(_unit(track.slip_velocity_m_s))
     steady = sliding.copy()
     for step in range(-FrictionSettings.neighbours, FrictionSettings.neighbours + 1):
@@ -690,8 +694,8 @@ def steady_slides(track: Track, time_s: np.ndarray) -> np.ndarray:
 def _friction_angles(
     table: ContactTable, shared: CommonErrors, rows: np.ndarray, axes: _Axes, friction_rad: float
 ) -> _Angles:
-    """The friction angles by the data alone, without their prior, with S + 1 common errors; NaN where the prior is all
-    there was, and at the tip, where the antenna's normal is not the object's."""
+    """The friction angles from the data alone, without their prior, with S + 1 shared errors; NaN where only the
+    prior determined them, and at the tip, where the antenna's normal is not the object's."""
     estimated, std = table.friction_angle_rad[rows], table.friction_angle_std_rad[rows]
     before = max(friction_rad, float(np.nanmax(std, initial=1e-12)))
     seen = (std > 0.0) & (std < FrictionSettings.visible_share * before) & (table.status[rows] != "tip_contact")

@@ -1,4 +1,4 @@
-"""Where to touch next: what the antenna can reach of a known surface, and how much each touch would tell."""
+"""The next touch: what the antenna can reach of a known surface, and the information of each touch."""
 
 from .plan import GOALS, JointLimits, NextTouch, next_touch
 

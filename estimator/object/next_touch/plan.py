@@ -36,7 +36,7 @@ from vbaa_calib.rig import Rig
 
 @dataclass(frozen=True)
 class _TouchSettings:
-    """Where the next touch may be, and how it is found."""
+    """Settings of the search for the next touch."""
 
     most_steps: int = 15  # of Newton's method for a touch
     longest_step: float = 0.25  # in antenna lengths
@@ -68,7 +68,7 @@ class JointLimits:
 
     @staticmethod
     def of(table: ContactTable, rig: Rig) -> JointLimits:
-        """The angles of a recording."""
+        """The range of a recording's joint angles."""
         pan, tilt = joint_angles(rig.kinematics, table)
         if not np.isfinite(pan + tilt).any():
             raise InputError("no frame has its joint angles", remedy="give contacts.csv as vbaa estimate writes it")
@@ -76,14 +76,14 @@ class JointLimits:
         return JointLimits((low[0], high[0]), (low[1], high[1]))
 
     def hold(self, pan_rad: np.ndarray, tilt_rad: np.ndarray) -> np.ndarray:
-        """(B,) bool."""
+        """(B,) mask of the angles within the limits."""
         pan, tilt = self.pan_rad, self.tilt_rad
         return (pan_rad >= pan[0]) & (pan_rad <= pan[1]) & (tilt_rad >= tilt[0]) & (tilt_rad <= tilt[1])
 
 
 @dataclass(frozen=True, eq=False)
 class _Reach(Rows):
-    """B touches that can be made."""
+    """B feasible touches."""
 
     joints_rad: np.ndarray  # (B, 2) pan and tilt of the pressed antenna
     begin_rad: np.ndarray  # (B, 2) clear of the object, where the touch begins
@@ -111,7 +111,7 @@ def _frames(arrays: RigArrays, joints_rad: np.ndarray) -> Frames:
 
 @dataclass(frozen=True, eq=False)
 class _Bent:
-    """B antennas in the world."""
+    """B bent antennas in the world frame."""
 
     point_m: np.ndarray  # (B, 3) contact
     tangent: np.ndarray  # (B, 3)
@@ -130,7 +130,8 @@ def _bent(arrays: RigArrays, joints_rad: np.ndarray, unknowns: np.ndarray) -> _B
 def _against(
     found: SurfaceFit, patch: np.ndarray, bent: _Bent, radius_m: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Gap (B,) between antennas and their patches, m, 0 (B,) where the antenna lies flat, outward normal (B, 3)."""
+    """Gap (B,) between antennas and their patches, m, 0 (B,) where the antenna is tangential, and outward normal (B,
+    3)."""
     gaps, tilts, normals = (np.full(shape, np.nan) for shape in (len(patch), len(patch), (len(patch), 3)))
     for index in np.unique(patch):
         m, one, solution = patch == index, found.patches[index], found.solution
@@ -157,7 +158,7 @@ def _against(
 
 
 def _surface_std(found: SurfaceFit, patch: np.ndarray, point_m: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """(B,) deviation of the surface along normals (B, 3) under points (B, 3), m."""
+    """(B,) standard deviation, m, of the surface along normals (B, 3) under points (B, 3)."""
     result = np.full(len(patch), np.nan)
     for index in np.unique(patch):
         m, one = patch == index, found.patches[index]
@@ -166,7 +167,8 @@ def _surface_std(found: SurfaceFit, patch: np.ndarray, point_m: np.ndarray, norm
 
 
 def _newton(residual: Callable[[np.ndarray], np.ndarray], start: np.ndarray, step: float) -> np.ndarray:
-    """B small systems (B, K) at once, by differences; NaN where they do not converge."""
+    """Solutions of B small systems (B, K) by Newton's method with difference quotients; NaN where it does not
+    converge."""
     x, size = start, start.shape[1]
     for _ in range(_TouchSettings.most_steps):
         here = residual(x)
@@ -186,7 +188,7 @@ def _newton(residual: Callable[[np.ndarray], np.ndarray], start: np.ndarray, ste
 def _reachable(
     found: SurfaceFit, arrays: RigArrays, rows: np.ndarray, joints_rad: np.ndarray, limits: JointLimits
 ) -> _Reach:
-    """Touches near those that were made, rows (P,) at joint angles (P, 2), pressed straight onto what is known of the
+    """Feasible touches near those already made, rows (P,) at joint angles (P, 2), pressed straight onto the known
     surface: all the way from the first contact lies on places that `reconstruct` would draw."""
     if len(rows) > _TouchSettings.rows:
         rows = rows[np.unique(np.linspace(0, len(rows) - 1, _TouchSettings.rows).astype(int))]
@@ -251,8 +253,8 @@ def _reachable(
 def _pressed(
     found: SurfaceFit, arrays: RigArrays, patch: np.ndarray, joints_rad: np.ndarray, start: np.ndarray
 ) -> tuple[np.ndarray, _Bent, np.ndarray]:
-    """Unknowns (B, 4) of antennas that lie frictionless on the surface, NaN where none does, where they are, and the
-    surface's normals (B, 3)."""
+    """Unknowns (B, 4) of antennas in frictionless contact with the surface, NaN where there is none, their shapes,
+    and the surface's normals (B, 3)."""
     radius, scale = 0.5 * arrays.rig.antenna.diameter_m, np.linalg.norm(start[:, 1:], axis=1)
 
     def unknowns_of(x: np.ndarray) -> np.ndarray:
@@ -274,7 +276,8 @@ def _pressed(
 
 
 def _carried(arrays: RigArrays, joints_rad: np.ndarray, to_rad: np.ndarray, point_m: np.ndarray) -> np.ndarray:
-    """(B, 3) how far the joints (B, 2) carry points of the undeformed antenna on their way to other angles, world."""
+    """(B, 3) world displacement of points of the undeformed antenna when the joints move from (B, 2) to other
+    angles."""
     (rotation, translation), (turned, shifted) = (
         arrays.rig.kinematics.world_antenna(*joints.T) for joints in (joints_rad, to_rad)
     )
@@ -285,7 +288,8 @@ def _carried(arrays: RigArrays, joints_rad: np.ndarray, to_rad: np.ndarray, poin
 def _ways(
     arrays: RigArrays, joints_rad: np.ndarray, point_m: np.ndarray, normal: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(B, 2, 2) unit ways of the joints, onto the surface and along it, and how fast (B, 2) points move by them, m."""
+    """(B, 2, 2) unit directions of the joint angles, onto the surface and along it, and the speeds (B, 2), m per
+    rad, of points along them."""
     steps = (joints_rad + _TouchSettings.axis_step_rad * axis for axis in np.eye(2))
     velocity = np.stack(
         [_carried(arrays, joints_rad, to, point_m) / _TouchSettings.axis_step_rad for to in steps], axis=1
@@ -299,7 +303,7 @@ def _ways(
 
 
 def _clear(found: SurfaceFit, patch: np.ndarray, nodes_m: np.ndarray, radius_m: float) -> np.ndarray:
-    """(B,) bool: nothing that was touched of other patches is in the way of antennas with nodes (B, M, 3)."""
+    """(B,) mask of the antennas with nodes (B, M, 3) that no touched point of other patches obstructs."""
     clear = np.ones(len(patch), bool)
     share = np.linspace(0.0, 1.0, 8, endpoint=False)[:, None, None]
     for index in np.unique(patch):
@@ -314,8 +318,8 @@ def _clear(found: SurfaceFit, patch: np.ndarray, nodes_m: np.ndarray, radius_m: 
 
 
 def _along_surface(reach: _Reach) -> tuple[np.ndarray, np.ndarray]:
-    """Where a stroke from each touch ends (B,), index of another, and over how many steps (B,): along its row and
-    level, as far as all can be made, to the farther side."""
+    """End (B,) of a stroke from each touch, as the index of another one, and its number of steps (B,): along its row
+    and level as far as all are feasible, to the farther side."""
     keys = list(zip(reach.row.tolist(), reach.sweep.tolist(), reach.level.tolist(), strict=True))
     place = {key: index for index, key in enumerate(keys)}
     end, steps = np.arange(len(reach)), np.zeros(len(reach), int)
@@ -335,7 +339,7 @@ UNITS = {"surface": "m", "friction": "", "stiffness": "m/N"}
 
 @dataclass(frozen=True)
 class NextTouch:
-    """A touch to make next, and what it should tell."""
+    """A touch to make next, and its expected information."""
 
     goal: str  # of `GOALS`
     begin_rad: tuple[float, float]  # pan and tilt clear of the object
@@ -352,13 +356,13 @@ class NextTouch:
     compared: int  # how many touches could be made
 
     def summary(self) -> dict[str, Any]:
-        """As plain data."""
+        """The touch as plain data."""
         return asdict(self)
 
 
 @gate
 def next_touch(contacts: ContactTable, rig: Rig, goal: str = "surface", limits: JointLimits | None = None) -> NextTouch:
-    """The touch after which surface, friction or stiffness should be known best.
+    """The touch that minimises the expected uncertainty of surface, friction or stiffness.
 
     contacts : of one object at rest; refined ones with the updated rig contain more information. goal : of `GOALS`.
     limits : of the joints; by default the angles of the recording.
@@ -374,7 +378,7 @@ def next_touch(contacts: ContactTable, rig: Rig, goal: str = "surface", limits: 
 
 @dataclass(frozen=True, eq=False)
 class _Options:
-    """Touches that can be made, and the deviation (B,) that the goal should have after each; NaN where it is none."""
+    """Feasible touches, and the expected standard deviation (B,) of the goal after each; NaN where undetermined."""
 
     goal: str
     reach: _Reach
@@ -384,7 +388,7 @@ class _Options:
     length_m: float
 
     def chosen(self, index: int) -> NextTouch:
-        """One of them in plain numbers."""
+        """One of the touches as plain numbers."""
         reach = self.reach
         begin, touch, press, end, point, normal = (
             tuple(each[index].tolist())
@@ -409,7 +413,7 @@ class _Options:
 def _touches_within(
     contacts: ContactTable, rig: Rig, goal: str = "surface", limits: JointLimits | None = None
 ) -> _Options:
-    """All touches that `next_touch` compares; see there."""
+    """All touches that `next_touch` compares."""
     if goal not in GOALS:
         raise InputError(f"there is no goal {goal!r}", remedy=f"give one of {', '.join(GOALS)}")
     pan, tilt = joint_angles(rig.kinematics, contacts)
@@ -452,7 +456,7 @@ def _touches_within(
 
 @dataclass(frozen=True, eq=False)
 class _Offered:
-    """How well B touches would be known."""
+    """Expected uncertainty of B touches."""
 
     rows: np.ndarray  # (B,) of those that were looked at
     shared: CommonErrors  # errors that they share with the contacts that were made
@@ -462,7 +466,7 @@ class _Offered:
 
 
 def _offered(contacts: ContactTable, arrays: RigArrays, made: np.ndarray, reach: _Reach) -> _Offered:
-    """The touches that the estimator would locate, and how well."""
+    """The touches that the estimator would locate, and their expected uncertainty."""
     empty = reach.frames(arrays)
     available = np.ones(len(reach)) * np.isfinite(contacts.moment_residual_Nm[made]).any()
     frames = noise_free_frames(empty, REFERENCE, reach.unknowns, available, point_per_px=True)
@@ -504,7 +508,7 @@ def _offered(contacts: ContactTable, arrays: RigArrays, made: np.ndarray, reach:
 
 
 def _equations(found: SurfaceFit, index: int, reach: _Reach, seen: _Offered, m: np.ndarray) -> ShapeEquations:
-    """What the touches m (N,) would say of their patch; see `patches.height_field`."""
+    """Equations that the touches m (N,) would add to their patch; see `patches.height_field`."""
     one, give = found.patches[index], found.state.compliance_m_N
     frame, normal = one.frame, reach.normal[m]
     press = np.sum(reach.force_N[m] * normal, axis=1)
@@ -527,8 +531,8 @@ def _equations(found: SurfaceFit, index: int, reach: _Reach, seen: _Offered, m: 
 
 
 def _seen(solution: ShapeSolution, index: int, new: ShapeEquations) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """M new equations added to those solved: (K, M) whitened against the old ones; their covariance (M, M) without
-    the compliance's; what they see (M,) of the compliance beyond what the old ones predict, N."""
+    """M new equations added to those solved: (K, M) their covariance whitened by the old ones; their covariance (M,
+    M) without the compliance's; their sensitivity (M,) to the compliance beyond what the old ones predict, N."""
     model = solution.patches[index]
     modes = np.concatenate([each.equations.modes for each in solution.patches])
     old = new.modes @ modes.T + solution.seen_by(index, new.rows)
@@ -539,12 +543,13 @@ def _seen(solution: ShapeSolution, index: int, new: ShapeEquations) -> tuple[np.
 
 
 def _own(index: int, count: int, total: int) -> np.ndarray:
-    """Equations of one touch among those of `count`: its point's, and its tangent's or its other coordinate's."""
+    """Indices of one touch's equations among those of `count`: its point's, and its tangent's or its other
+    coordinate's."""
     return np.arange(index, total, count)
 
 
 def _of_surface(found: SurfaceFit, reach: _Reach, seen: _Offered) -> tuple[float, np.ndarray]:
-    """Deviation of the surface, rms over all targets, now and after each touch (A-optimal)."""
+    """Standard deviation of the surface, rms over all targets, at present and after each touch (A-optimality)."""
     solution = found.solution
     targets = _places(found, reach)
     # of a line its course out of the object: where beside it the antenna touches is no shape
@@ -574,7 +579,7 @@ def _of_surface(found: SurfaceFit, reach: _Reach, seen: _Offered) -> tuple[float
 
 
 def _places(found: SurfaceFit, reach: _Reach) -> list[np.ndarray]:
-    """Of each patch (N, 1) or (N, 2), where it was touched and where it can be."""
+    """Places of each patch, (N, 1) or (N, 2), that were touched or are reachable."""
     result = []
     for index, one in enumerate(found.patches):
         more = (reach.point_m[reach.patch == index] - one.center_m) @ one.frame.T
@@ -584,7 +589,7 @@ def _places(found: SurfaceFit, reach: _Reach) -> list[np.ndarray]:
 
 
 def _of_stiffness(found: SurfaceFit, reach: _Reach, seen: _Offered) -> tuple[float, np.ndarray]:
-    """Deviation of the compliance, now and after each touch."""
+    """Standard deviation of the compliance, at present and after each touch."""
     after = np.full(len(reach), np.nan)
     information = 1.0 / found.solution.variance if found.solution.variance > 0.0 else 0.0
     for index in np.unique(reach.patch):
@@ -602,8 +607,8 @@ def _of_stiffness(found: SurfaceFit, reach: _Reach, seen: _Offered) -> tuple[flo
 def _of_friction(
     found: SurfaceFit, arrays: RigArrays, reach: _Reach, seen: _Offered, rub: Friction
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    """Deviation of μ, now and after a stroke along the surface from each touch, and where that ends. μ shows across the
-    antenna by the force and the shape's normal, along it by the friction angle."""
+    """Standard deviation of μ, at present and after a stroke along the surface from each touch, and the stroke's
+    end. μ is observed across the antenna by the force and the shape's normal, along it by the friction angle."""
     low, high = rub.interval
     if rub.determined:
         mu, std = rub.mu, rub.std
@@ -634,13 +639,14 @@ def _of_friction(
 
 
 def _lateral(reach: _Reach) -> np.ndarray:
-    """(B, 3) unit, across the antenna on the surface."""
+    """(B, 3) unit vectors across the antenna on the surface."""
     lateral = np.cross(reach.normal, reach.tangent)
     return lateral / np.linalg.norm(lateral, axis=1, keepdims=True)
 
 
 def _slip(arrays: RigArrays, reach: _Reach, end_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit direction (B,), (B,) across and along the antenna in which it slides on its way to other joint angles."""
+    """Components (B,), (B,) across and along the antenna of the unit slip direction on the way to other joint
+    angles."""
     moved = _carried(arrays, reach.joints_rad, end_rad, reach.point_m)
     across, along = (np.sum(moved * side, axis=1) for side in (_lateral(reach), reach.tangent))
     size = np.maximum(np.hypot(across, along), 1e-12)

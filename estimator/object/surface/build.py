@@ -22,7 +22,7 @@ _Piece = dict[str, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class Compliance:
-    """How far the object yields under the normal force.
+    """Compliance of the object under the normal force.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class Surface:
 
 
 def reconstruct(touches: Touches | ContactTable, antenna_radius_m: np.ndarray | float) -> Surface:
-    """The surface of what was touched, with its uncertainty, and how far the object yields.
+    """The touched part of the surface, with its uncertainty, and the object's compliance.
 
     The touches are of one object that did not move; a table stands for its touches without common errors. Contact
     points lie on the antenna's centreline, one radius, () or (P,), off the object. Raises InputError as `touches_of`.
@@ -93,7 +93,7 @@ def reconstruct(touches: Touches | ContactTable, antenna_radius_m: np.ndarray | 
 
 
 def fitted(touches: Touches, antenna_radius_m: np.ndarray | float) -> tuple[SurfaceFit, Compliance, bool, list[str]]:
-    """The solved shape of `reconstruct`, how far the object yields, whether covariances are known, and notes."""
+    """The solved shape of `reconstruct`, the compliance, whether covariances are known, and notes."""
     measured = np.isfinite(touches.own_m2).all(axis=(1, 2))
     measured &= np.trace(touches.own_m2, axis1=1, axis2=2) > 0.0
     known, notes = bool(measured.any()), []
@@ -129,7 +129,7 @@ def fitted(touches: Touches, antenna_radius_m: np.ndarray | float) -> tuple[Surf
 
 
 def _compliance_of(fit: SurfaceFit) -> Compliance:
-    """What a fit with a compliance says."""
+    """The compliance from a fit that includes one."""
     solution, touches, compliance_m_N = fit.solution, fit.touches, fit.state.compliance_m_N
     press = np.sum(touches.force_N * fit.normals.normal, axis=1)
     pressed = press[press > 0]
@@ -217,18 +217,18 @@ def _piece(points: np.ndarray, normals: np.ndarray, std: np.ndarray, across: np.
 
 
 def _drawn_m(touched_std_m: np.ndarray) -> float:
-    """Where a surface is known less well than this, it is not drawn; from deviations at its touches."""
+    """Standard deviation above which a surface is not drawn, from the standard deviations at its touches."""
     return max(SurfaceSettings.drawn_factor * float(np.percentile(touched_std_m, 90)), SurfaceSettings.drawn_m)
 
 
 def surely_known_m(fit: SurfaceFit, index: int) -> float:
-    """Where the surface of a patch is known less well than this, it is not drawn."""
+    """Standard deviation above which the surface of a patch is not drawn."""
     patch = fit.patches[index]
     return _drawn_m(fit.std_along(index, fit.local(patch), fit.normals.normal[patch.members]))
 
 
 def _piece_of(fit: SurfaceFit, index: int, touched_std_m: np.ndarray) -> _Piece:
-    """The mesh of a wide patch, or the line of a curve; touched_std_m (N,) are the deviations at its touches."""
+    """The mesh of an area patch, or the line of a curve. touched_std_m : (N,) standard deviations at its touches."""
     patch = fit.patches[index]
     # who may say how far the patch reaches: not left out, and as well known along it as most
     own = patch.frame[:2] @ fit.touches.own_m2[patch.members] @ patch.frame[:2].T
@@ -250,8 +250,8 @@ def _piece_of(fit: SurfaceFit, index: int, touched_std_m: np.ndarray) -> _Piece:
 
 
 def _footprint(flat_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places (V, 2) of a regular grid between touches (N, 2), and the grid (I, J) of their numbers, −1 elsewhere: a
-    closing by a disc as wide as a bridged gap."""
+    """Places (V, 2) of a regular grid between touches (N, 2), and the grid (I, J) of their indices, −1 elsewhere: a
+    morphological closing by a disc as wide as a bridged gap."""
     low, high = flat_m.min(axis=0), flat_m.max(axis=0)
     extent = float(np.linalg.norm(high - low))
     gaps = minimum_spanning_tree(np.maximum(cdist(flat_m, flat_m), 1e-12)).data
@@ -271,7 +271,7 @@ def _footprint(flat_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _triangles(number: np.ndarray) -> np.ndarray:
-    """(T, 3) two for each full cell of a grid of vertex numbers (I, J), one where three corners are there."""
+    """(T, 3) triangles of a grid of vertex indices (I, J): two for each full cell, one where three corners exist."""
     corners = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]]).reshape(4, -1)
     missing = corners < 0
     full = corners[:, ~missing.any(axis=0)]
@@ -282,7 +282,7 @@ def _triangles(number: np.ndarray) -> np.ndarray:
 
 
 def _line(fit: SurfaceFit, index: int, touched_m: np.ndarray, members: np.ndarray) -> _Piece:
-    """A curve on an even grid, not across gaps; touches (N,) that do not spread along it are one point."""
+    """A curve on an even grid, interrupted at gaps; touches (N,) that do not spread along it are one point."""
     patch, over = fit.patches[index], np.sort(touched_m)
     extent = float(over[-1] - over[0])
     own = patch.frame[0] @ fit.touches.own_m2[members] @ patch.frame[0]

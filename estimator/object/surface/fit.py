@@ -22,7 +22,7 @@ _Turned = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class _FitState:
-    """Where the turns have come to."""
+    """State of the alternation."""
 
     normal: np.ndarray  # (P, 3)
     compliance_m_N: float  # in the points
@@ -34,7 +34,7 @@ class _FitState:
 
     @property
     def outlier(self) -> np.ndarray:
-        """(P,) touches that contradict the others."""
+        """(P,) mask of the touches that contradict the others."""
         return (self.widened >= SurfaceSettings.ignored) & ~self.vague
 
 
@@ -55,7 +55,8 @@ class SurfaceFit:
         return (self.point_m[patch.members] - patch.center_m) @ patch.frame.T
 
     def heights(self, index: int, flat_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points and normals (V, 3) of a wide patch over places (V, 2), world, and deviations (V,) along these."""
+        """Points and normals (V, 3) of an area patch at places (V, 2), world frame, and standard deviations (V,)
+        along the normals."""
         patch, solution = self.patches[index], self.solution
         height, std = (ask(index, patch.value_rows(flat_m)) for ask in (solution.mean, solution.spread))
         slope = solution.mean(index, patch.slope_rows(flat_m)).reshape(2, len(flat_m)).T
@@ -65,7 +66,8 @@ class SurfaceFit:
         return points, (raw / length[:, None]) @ patch.frame, std / length
 
     def std_along(self, index: int, local_m: np.ndarray, normal: np.ndarray) -> np.ndarray:
-        """(N,) deviations of a patch's surface under places (N, 3) in its frame, along normals (N, 3), world frame."""
+        """(N,) standard deviations of a patch's surface under places (N, 3) in its frame, along normals (N, 3),
+        world frame."""
         patch = self.patches[index]
         if patch.wide:
             return self.heights(index, local_m[:, :2])[2]
@@ -87,7 +89,7 @@ def deviations_along(side: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 
 
 def begin(touches: Touches, antenna_radius_m: np.ndarray | float) -> tuple[tuple[Patch, ...], _FitState]:
-    """The patches, and where to begin: slopes from the forces' directions, a rigid object, nothing left out."""
+    """The patches, and the initial state: slopes from the forces' directions, a rigid object, no outliers."""
     count, normal = len(touches), facing(touches.force_N, touches.tangent, touches.point_m)
     points = touches.point_m - np.broadcast_to(antenna_radius_m, count)[:, None] * normal
     across = np.einsum("pi,pij,pj->p", normal, touches.own_m2, normal)
@@ -114,7 +116,7 @@ def fit(
     state: _FitState,
     yielding: bool,
 ) -> SurfaceFit:
-    """Turns from a state on; `yielding`: with a compliance."""
+    """Alternates from a state until convergence. yielding : whether with a compliance."""
     if not yielding:
         state = replace(state, compliance_m_N=0.0)
     for turn in range(SurfaceSettings.most_rounds):
@@ -156,7 +158,7 @@ def fit(
 
 
 def with_common_errors(found: SurfaceFit) -> Normals:
-    """A fit's normals with the part of their errors that the touches have in common."""
+    """The fit with normals that include the part of their errors that the touches share."""
     return _estimate_normals(found.touches, found.patches, found.solution, found.seen, common=True)
 
 
@@ -197,7 +199,7 @@ def _surface_points(
 def _next_shape(
     patches: tuple[Patch, ...], seen: list[LocalTouches], solution: ShapeSolution, state: _FitState
 ) -> _FitState:
-    """What a solve says of slopes, bends and compliance."""
+    """Slopes, curvatures and compliance from a solution."""
     slope, bend = state.slope.copy(), state.bend_per_m.copy()
     for index, (patch, local) in enumerate(zip(patches, seen, strict=True)):
         m, x = patch.members, local.point_m[:, : patch.dimensions]
@@ -219,7 +221,8 @@ def _next_shape(
 
 @dataclass(frozen=True, eq=False)
 class Normals:
-    """At P touches, world frame: unit, outward (P, 3); covariance (P, 3, 3), rad²; modes (P, 3, K), its common part."""
+    """Normals at P touches, world frame: unit, outward (P, 3); covariance (P, 3, 3), rad²; modes (P, 3, K), its
+    shared part."""
 
     normal: np.ndarray
     covariance: np.ndarray
@@ -227,11 +230,11 @@ class Normals:
 
     @property
     def std_rad(self) -> np.ndarray:
-        """(P,) the larger of the deviations in the two directions in which a normal can turn."""
+        """(P,) the larger of the standard deviations in the two directions in which a normal can turn."""
         return largest_std(self.covariance)
 
     def best(self, touches: Touches) -> np.ndarray:
-        """(P, 3) with the force's direction where the shape says less than that."""
+        """(P, 3) normals, replaced by the force's direction where the shape is less certain than that."""
         force = touches.force_N / np.linalg.norm(touches.force_N, axis=1, keepdims=True)
         trust = 1.0 / (1.0 + (self.std_rad / SurfaceSettings.force_std_rad) ** 4)
         mixed = trust[:, None] * self.normal + (1 - trust)[:, None] * force
@@ -246,7 +249,7 @@ def _estimate_normals(
     *,
     common: bool = False,
 ) -> Normals:
-    """The normals; `common`: with the part of their errors that the touches have in common."""
+    """The normals. common : whether with the part of their errors that the touches share."""
     count = len(touches)
     normal, own, by_slope = np.empty((count, 3)), np.empty((count, 3, 3)), np.zeros((count, 3, 2))
     views, in_place = [], np.empty((count, 2, 2))
@@ -292,7 +295,7 @@ def _estimate_normals(
 
 
 def _largest(covariance: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """The largest variances (K,) and their axes (N, K): of many by Lanczos' method."""
+    """The largest variances (K,) and their axes (N, K); for many touches by Lanczos' method."""
     size = len(covariance)
     if size < 10 * count:
         return eigh(covariance, subset_by_index=(size - count, size - 1))
@@ -300,8 +303,8 @@ def _largest(covariance: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray
 
 
 def _of_field(seen: LocalTouches, slope: np.ndarray, slack_rad: float) -> _Turned:
-    """The field's normal, less its part along the antenna's tangent where that is known; what is open then is the turn
-    about the tangent, by slopes and by the touch's own error."""
+    """The height field's normals, made orthogonal to the antenna's tangent where that is known; the remaining
+    rotation about the tangent has the variance of the slopes and of the touch's own error."""
     raw = np.column_stack([-slope, np.ones(len(slope))])
     length = np.linalg.norm(raw, axis=1)
     normal = raw / length[:, None]
@@ -323,7 +326,8 @@ def _of_field(seen: LocalTouches, slope: np.ndarray, slack_rad: float) -> _Turne
 
 
 def _of_curve(seen: LocalTouches, slope: np.ndarray, force: np.ndarray) -> _Turned:
-    """Across the curve and the antenna's tangent; without the latter across the curve, towards the force."""
+    """Normals orthogonal to the curve and the antenna's tangent; without a tangent orthogonal to the curve, towards
+    the force."""
     along = np.column_stack([np.ones(len(slope)), slope])
     length = np.linalg.norm(along, axis=1)
     along = along / length[:, None]
@@ -355,7 +359,7 @@ def _of_curve(seen: LocalTouches, slope: np.ndarray, force: np.ndarray) -> _Turn
 
 
 def _tangent_variance(seen: LocalTouches, normal: np.ndarray) -> np.ndarray:
-    """(N,) rad², of the tangent's turn towards the normal."""
+    """(N,) rad² variance of the tangent's rotation towards the normal."""
     common = np.einsum("ni,nis->ns", normal, seen.tangent_modes)
     return SurfaceSettings.tangent_std_rad**2 + np.sum(common**2, axis=1)
 
@@ -363,8 +367,8 @@ def _tangent_variance(seen: LocalTouches, normal: np.ndarray) -> np.ndarray:
 def _tangent_frame(
     points_m: np.ndarray, normals: np.ndarray, own_m2: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Centre (3,) of a patch; rows (3, 3) its long direction, its short one, its mean normal; whether it is an area.
-    Points (N, 3) are weighted by their own scatter (N, 3, 3), which is taken off."""
+    """Centre (3,) of a patch; (3, 3) rows: its long direction, its short one, its mean normal; whether it is an
+    area. Points (N, 3) are weighted by their own covariances (N, 3, 3), which are subtracted."""
     up = normals.sum(axis=0)
     up = up / np.linalg.norm(up)
     first = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])

@@ -1,4 +1,4 @@
-"""Patches: contacts that hang together, with normals that face alike; and what the touches of one say of its shape,
+"""Patches: connected contacts with similar normals; and the equations of a patch's touches for its shape,
 linearised: y = views of the shape + compliance + errors."""
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ from estimator.object.surface.solution import Functionals, ShapeEquations, conca
 
 
 def facing(force_N: np.ndarray, tangent: np.ndarray, points_m: np.ndarray) -> np.ndarray:
-    """(P, 3) unit, roughly out of the object: the forces across the antenna (as they are where its tangent is NaN),
-    averaged over neighbours, which takes out friction of strokes both ways."""
+    """(P, 3) unit vectors roughly out of the object: the forces' components across the antenna (the forces
+    themselves where its tangent is NaN), averaged over neighbours, which cancels friction of strokes in both
+    directions."""
     along = np.where(np.isfinite(tangent), tangent, 0.0)
     across = force_N - np.sum(force_N * along, axis=1, keepdims=True) * along
     size, whole = np.linalg.norm(across, axis=1, keepdims=True), np.linalg.norm(force_N, axis=1, keepdims=True)
@@ -30,7 +31,7 @@ def facing(force_N: np.ndarray, tangent: np.ndarray, points_m: np.ndarray) -> np
 
 
 def group(points_m: np.ndarray, normals: np.ndarray) -> list[np.ndarray]:
-    """Indices of points (P, 3) that hang together, with normals (P, 3) that face alike, for each group."""
+    """Indices of connected points (P, 3) with similar normals (P, 3), for each group."""
     # 0 is no edge, and two contacts may coincide
     distance_m = np.maximum(cdist(points_m, points_m), 1e-12)
     graph = np.where(normals @ normals.T > np.cos(SurfaceSettings.link_normals_rad), distance_m, 0.0)
@@ -41,13 +42,13 @@ def group(points_m: np.ndarray, normals: np.ndarray) -> list[np.ndarray]:
 
 
 def bridged_gap(gaps_m: np.ndarray, extent_m: float) -> float:
-    """The widest gap that is bridged, from those of the points' minimum spanning tree and from their extent."""
+    """The widest gap that is bridged, from the edges of the points' minimum spanning tree and their extent."""
     usual = float(np.percentile(gaps_m, 90)) if len(gaps_m) else 0.0
     return max(SurfaceSettings.link_factor * usual, SurfaceSettings.link_extent * extent_m)
 
 
 def _facing_alike(members: np.ndarray, normals: np.ndarray) -> list[np.ndarray]:
-    """Split until no normal leans too far from the mean of its patch."""
+    """Split groups until no normal deviates too far from its patch's mean."""
     mean = normals[members].sum(axis=0)
     cosine = normals[members] @ mean / max(np.linalg.norm(mean), 1e-12)
     if len(members) < 2 or cosine.min() > np.cos(SurfaceSettings.patch_normals_rad):
@@ -64,7 +65,7 @@ def _facing_alike(members: np.ndarray, normals: np.ndarray) -> list[np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """Touches that hang together, as a height field or a curve."""
+    """Connected touches, as a height field or a curve."""
 
     members: np.ndarray  # (N,) indices
     center_m: np.ndarray  # (3,)
@@ -73,11 +74,11 @@ class Patch:
 
     @property
     def dimensions(self) -> int:
-        """Of the coordinates over which the shape is a function."""
+        """Number of coordinates of which the shape is a function."""
         return 2 if self.wide else 1
 
     def slope_rows(self, x: np.ndarray) -> Functionals:
-        """Views of the slopes at places (N, D): ∂h/∂u of all, then ∂h/∂v; of a curve dv/du, then dh/du."""
+        """Functionals of the slopes at places (N, D): ∂h/∂u of all, then ∂h/∂v; for a curve dv/du, then dh/du."""
         sides = np.eye(2)[:, None] if self.wide else np.eye(2)[:, :, None]
         return concatenate(*(_slopes_at(x, side) for side in sides))
 
@@ -88,7 +89,7 @@ class Patch:
 
 @dataclass(frozen=True, eq=False)
 class LocalTouches:
-    """The N touches of a patch as they are seen now, in the patch's frame."""
+    """The N touches of a patch at the present state, in the patch's frame."""
 
     point_m: np.ndarray  # (N, 3) on the object
     tangent: np.ndarray  # (N, 3)
@@ -103,8 +104,9 @@ class LocalTouches:
 
 
 def height_field(seen: LocalTouches) -> ShapeEquations:
-    """Heights over (u, v), and that the surface holds the antenna's tangent t: ∇h · t_uv = t_h. Of a point's error only
-    what is across the surface is one of height; along it, the tangent is compared with another slope."""
+    """Equations of heights over (u, v), and of the antenna's tangent t lying in the surface: ∇h · t_uv = t_h. Only
+    the component of a point's error across the surface is an error of height; along it, the tangent is compared with
+    another slope."""
     count, directed = len(seen.point_m), np.flatnonzero(np.isfinite(seen.tangent).all(axis=1))
     up = np.column_stack([-seen.slope, np.ones(count)])
     tangent, tilt = seen.tangent[directed], up[directed]
@@ -136,7 +138,8 @@ def height_field(seen: LocalTouches) -> ShapeEquations:
 
 
 def curve(seen: LocalTouches) -> ShapeEquations:
-    """The coordinates (v, h) across the curve over u, each a function of its own: along the normal, and across it.
+    """Equations of the coordinates (v, h) across the curve over u, each a function of its own, along the normal and
+    across it.
 
     The antenna touches a round body next to the curve, so that what is seen along the surface must say nothing of the
     errors across it. Two more common errors: how the object bends across the curve is not seen, but takes points with
@@ -166,7 +169,7 @@ def curve(seen: LocalTouches) -> ShapeEquations:
 
 
 def across_curve(normal: np.ndarray, least: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
-    """(N, 2) each, across a curve in its patch's frame: along normals (N, 3), and across them."""
+    """Directions (N, 2) each, across a curve in its patch's frame: along normals (N, 3), and perpendicular to them."""
     outward = normal[:, 1:] / np.maximum(np.linalg.norm(normal[:, 1:], axis=1, keepdims=True), least)
     return outward, np.column_stack([-outward[:, 1], outward[:, 0]])
 
@@ -176,7 +179,7 @@ def _project(side: np.ndarray, modes: np.ndarray) -> np.ndarray:
 
 
 def _noise(sides: list[np.ndarray], owners: list[np.ndarray], own_m2: np.ndarray, least: list[float]) -> np.ndarray:
-    """(M, M) covariance of sides (N, 3) of the errors of their owners; errors of different touches are independent."""
+    """(M, M) covariance along sides (N, 3) of their owners' errors; errors of different touches are independent."""
     starts = np.cumsum([0, *map(len, owners)])
     result = np.diag(np.repeat(np.square(least), np.diff(starts)))
     for a, b in combinations_with_replacement(range(len(sides)), 2):

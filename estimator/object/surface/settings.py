@@ -1,4 +1,4 @@
-"""How touches become patches, shapes and a mesh."""
+"""Settings of patches, shapes and meshes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from math import radians
 
 @dataclass(frozen=True)
 class SurfaceSettings:
-    """How touches become patches, shapes and a mesh."""
+    """Thresholds by which touches become patches, shapes and a mesh."""
 
     most_touches: int = 500  # more are thinned evenly: the solve costs their number cubed
     biased_std: float = 1.0  # predicted bias from which a contact is not used, in its standard deviations

@@ -1,8 +1,8 @@
-"""A Gaussian process with a linear trend, seen by values and by slopes: Matérn 5/2 (Rasmussen and Williams, Eqs. 4.17
-and 9.1), in one or two coordinates; and all patches of an object in one linear Gaussian solve: shapes, common errors
-and one compliance (universal kriging).
+"""Gaussian process regression of an object's patches: a linear trend and a Matérn 5/2 process (Rasmussen and
+Williams, Eqs. 4.17 and 9.1) in one or two coordinates, observed by values and slopes; all patches in one linear
+Gaussian solve with shared errors and one compliance (universal kriging).
 
-y = K-shapes + modes · s + noise + compliance · force,   s ~ N(0, 1), the compliance without any prior
+y = K-shapes + modes · s + noise + compliance · force, s ~ N(0, 1), the compliance without a prior
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _LOWEST, _HIGHEST = np.log([0.03, 1e-4, 1e-4]), np.log([30.0, 100.0, 3.0])
 
 @dataclass(frozen=True, eq=False)
 class Functionals(Rows):
-    """N views Σ value_c · h_c(x) + slope_c · ∇h_c(x) of C functions."""
+    """N linear functionals Σ value_c · h_c(x) + slope_c · ∇h_c(x) of C functions."""
 
     x: np.ndarray  # (N, D) m
     value: np.ndarray  # (N, C)
@@ -35,13 +35,13 @@ class Functionals(Rows):
 
     @property
     def of_lines(self) -> np.ndarray:
-        """(N, C·D) what each view sees of lines through the origin."""
+        """(N, C·D) values of the functionals for lines through the origin."""
         return (self.value[:, :, None] * self.x[:, None, :] + self.slope).reshape(len(self), -1)
 
 
 @dataclass(frozen=True)
 class SmoothnessPrior:
-    """Of the function: a Matérn process and a linear trend."""
+    """Prior of a function: a Matérn process and a linear trend."""
 
     length_m: float  # of the process
     amplitude_m: float  # of the process
@@ -55,23 +55,23 @@ class SmoothnessPrior:
 
 
 def values_at(x: np.ndarray, value: np.ndarray) -> Functionals:
-    """Sums of the functions' values (N, C) at places (N, D); `value` (C,) stands for all."""
+    """Functionals of values only, with weights (N, C) at places (N, D); value : (C,) for all places."""
     value = np.ascontiguousarray(np.broadcast_to(value, (len(x), np.shape(value)[-1])))
     return Functionals(np.ascontiguousarray(x), value, np.zeros((*value.shape, x.shape[1])))
 
 
 def concatenate(*parts: Functionals) -> Functionals:
-    """One after the other."""
+    """Concatenation of functionals."""
     return Functionals(*(np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])))
 
 
 def covariance(a: Functionals, b: Functionals, prior: SmoothnessPrior) -> np.ndarray:
-    """(N, M) prior covariance of views."""
+    """(N, M) prior covariance of functionals."""
     return np.asarray(core.surface.covariance(a, b, prior, False)[0])
 
 
 def variance(rows: Functionals, prior: SmoothnessPrior, others: Functionals | None = None) -> np.ndarray:
-    """(N,) prior variance of each view, or its covariance with another one at the same place: a diagonal of
+    """(N,) prior variance of each functional, or its covariance with another one at the same place: a diagonal of
     `covariance(rows, others, prior)`."""
     others = rows if others is None else others
     result = (rows.value * others.value).sum(axis=1) * (prior.amplitude_m**2 + prior.offset_m**2)
@@ -81,7 +81,7 @@ def variance(rows: Functionals, prior: SmoothnessPrior, others: Functionals | No
 
 @dataclass(frozen=True, eq=False)
 class ShapeEquations:
-    """M linear equations: the first N, or twice N for a curve, are of the points, the others of tangents."""
+    """M linear equations: the first N, or twice N for a curve, are those of points, the others of tangents."""
 
     rows: Functionals  # what they see of the shape
     y: np.ndarray  # (M,) measured
@@ -104,20 +104,20 @@ class PatchModel:
 
     @property
     def own(self) -> np.ndarray:
-        """(M, M) covariance of everything but the common errors."""
+        """(M, M) covariance of the equations without the shared errors."""
         own = self.seen_by(self.equations.rows)
         own += self.equations.noise
         np.einsum("mm->m", own)[:] += (self.slack_rad * self.equations.slack) ** 2
         return own
 
     def seen_by(self, rows: Functionals) -> np.ndarray:
-        """(Q, M) prior covariance of views with the equations."""
+        """(Q, M) prior covariance of functionals with the patch's equations."""
         return covariance(rows, self.equations.rows, self.prior)
 
 
 @dataclass(frozen=True, eq=False)
 class ShapeSolution:
-    """Of all patches."""
+    """Joint posterior of all patches."""
 
     patches: tuple[PatchModel, ...]
     start: np.ndarray  # (patches,) where their equations begin
@@ -128,7 +128,7 @@ class ShapeSolution:
     variance: float  # of the compliance
 
     def seen_by(self, patch: int, rows: Functionals) -> np.ndarray:
-        """(Q, M) prior covariance of views of a patch with all equations."""
+        """(Q, M) prior covariance of a patch's functionals with all equations."""
         result = np.zeros((len(rows), len(self.weights)))
         result[:, self._of(patch)] = self.patches[patch].seen_by(rows)
         return result
@@ -137,11 +137,11 @@ class ShapeSolution:
         return slice(self.start[patch], self.start[patch] + len(self.patches[patch].equations))
 
     def mean(self, patch: int, rows: Functionals) -> np.ndarray:
-        """(Q,) views of the unpressed shape of a patch."""
+        """(Q,) posterior means of functionals of a patch's undeformed shape."""
         return self.patches[patch].seen_by(rows) @ self.weights[self._of(patch)]
 
     def spread(self, patch: int, rows: Functionals) -> np.ndarray:
-        """(Q,) standard deviations of the same."""
+        """(Q,) posterior standard deviations of functionals of a patch's undeformed shape."""
         seen = self.seen_by(patch, rows)
         half = solve_triangular(self.lower, seen.T, lower=True, check_finite=False)
         left = variance(rows, self.patches[patch].prior) - np.sum(half**2, axis=0)
@@ -149,7 +149,7 @@ class ShapeSolution:
         return np.sqrt(np.maximum(left, 0.0))
 
     def joint(self, views: list[tuple[int, Functionals]]) -> np.ndarray:
-        """(Q, Q) covariance of views of several patches, one after the other."""
+        """(Q, Q) posterior covariance of functionals of several patches, concatenated."""
         seen = np.concatenate([self.seen_by(patch, rows) for patch, rows in views])
         prior = block_diag(*(covariance(rows, rows, self.patches[patch].prior) for patch, rows in views))
         half = solve_triangular(self.lower, seen.T, lower=True, check_finite=False)
@@ -157,7 +157,7 @@ class ShapeSolution:
         return prior - half.T @ half + self.variance * np.outer(lifted, lifted)
 
     def joint_in_place(self, patch: int, rows: Functionals) -> np.ndarray:
-        """(N, 2, 2) covariances of the first N views of a patch with the last N, which are of the same places."""
+        """(N, 2, 2) posterior covariances of the first N functionals of a patch with the last N, at the same places."""
         seen, count, prior = self.seen_by(patch, rows), len(rows) // 2, self.patches[patch].prior
         half = solve_triangular(self.lower, seen.T, lower=True, check_finite=False)
         lifted, sides = seen @ self.lift, [slice(0, count), slice(count, None)]
@@ -170,13 +170,14 @@ class ShapeSolution:
 
     @property
     def leave_one_out_residuals(self) -> np.ndarray:
-        """(M,) each equation less what all the others predict, in deviations (Rasmussen and Williams, Eq. 5.12)."""
+        """(M,) each equation less its prediction by all others, in standard deviations (Rasmussen and Williams, Eq.
+        5.12)."""
         half = dtrtri(self.lower, lower=1)[0]
         return self.weights / np.sqrt(np.einsum("mn,mn->n", half, half))
 
 
 def _factor(matrix: np.ndarray) -> np.ndarray:
-    """Lower Cholesky factor, zeros above; what rounding takes away is added again, as little as will do."""
+    """Lower Cholesky factor, with the least diagonal addition that rounding makes necessary."""
     for jitter in (0.0, 1e-12, 1e-10, 1e-8):
         try:
             whole = matrix + jitter * np.diag(np.diag(matrix)) if jitter else matrix
@@ -187,7 +188,7 @@ def _factor(matrix: np.ndarray) -> np.ndarray:
 
 
 def solve(patches: tuple[PatchModel, ...], yielding: bool) -> ShapeSolution:
-    """The solve; `yielding`: with a compliance, otherwise the object is taken as rigid."""
+    """Solve all patches jointly. yielding : whether with a compliance; otherwise the object is rigid."""
     every = [fitted.equations for fitted in patches]
     modes = np.concatenate([each.modes for each in every])
     y, force = np.concatenate([each.y for each in every]), np.concatenate([each.force_N for each in every])
@@ -206,8 +207,8 @@ def solve(patches: tuple[PatchModel, ...], yielding: bool) -> ShapeSolution:
 def learn_prior(
     equations: ShapeEquations, extent_m: float, start: tuple[SmoothnessPrior, float] | None, yield_per_N: float
 ) -> tuple[SmoothnessPrior, float]:
-    """The most probable prior of the shape and slack of the tangents, rad; `start` is an earlier one, `extent_m` the
-    patch's, `yield_per_N` the largest compliance, m/N, zero for none."""
+    """The most probable prior of the shape and slack of the tangents, rad. start : an earlier one. extent_m : the
+    patch's. yield_per_N : the largest compliance, m/N, zero for none."""
     extent_m = max(extent_m, 1e-3)
     count = min(len(equations), SurfaceSettings.most_equations)
     # at random: evenly spaced ones of strokes that repeat would all lie at the same places
@@ -224,7 +225,7 @@ def learn_prior(
         )
 
     def improbability(logs: np.ndarray) -> tuple[float, np.ndarray]:
-        """What is to be least, and its slope (Rasmussen and Williams, Eqs. 2.43 and 5.9).
+        """The negative log posterior and its gradient (Rasmussen and Williams, Eqs. 2.43 and 5.9).
 
         The trend's variance is so large that in one sum with the rest it would take half of the digits.
         """
@@ -267,7 +268,8 @@ def learn_prior(
 
 
 def _newton(logs: np.ndarray, slope_at: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """Where the slope is zero, by Newton's steps: the search stops where the improbability is lost in its rounding."""
+    """The zero of the gradient by Newton's method: the preceding search stops where the objective is lost in
+    rounding."""
     low, high = _LOWEST[: len(logs)], _HIGHEST[: len(logs)]
     for _ in range(SurfaceSettings.polishing_steps):
         inside = np.flatnonzero((logs > low) & (logs < high - SurfaceSettings.difference_step))

@@ -1,4 +1,4 @@
-"""The located contacts of one object, their errors split into own and common ones."""
+"""The located contacts of one object, with their errors split into own and shared ones."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Touches(Rows):
 
 
 def touches_of(table: ContactTable, shared: CommonErrors | None = None) -> Touches:
-    """The contacts that can be used: located, with a force of known direction; thinned to `most_touches`.
+    """The usable contacts: located, with a force of known direction; thinned to `most_touches`.
 
     `shared` are the common parts of their errors; without it all errors count as each contact's own. Raises InputError
     where no frame has a contact point with its force.

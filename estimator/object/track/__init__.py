@@ -1,4 +1,4 @@
-"""A recording in time: first contact and loss, slip and stick, ringing; and contacts made smooth."""
+"""A recording over time: first contact and loss, slip and stick, vibration; and smoothed contacts."""
 
 from .follow import follow
 from .onset import Event, Track

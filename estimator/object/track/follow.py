@@ -37,7 +37,7 @@ from vbaa_calib.rig import Rig
 
 
 def _ringing_frames(table: ContactTable) -> np.ndarray:
-    """(B,) bool: the frame is `not_quasistatic`, or between two such."""
+    """(B,) mask of the frames that are `not_quasistatic`, or lie between two such."""
     swings = np.flatnonzero(table.status == "not_quasistatic")
     found = np.zeros(len(table), bool)
     found[swings] = True
@@ -48,7 +48,7 @@ def _ringing_frames(table: ContactTable) -> np.ndarray:
 
 
 def _ringing_events(table: ContactTable, ringing: np.ndarray, beam: Beam | None) -> tuple[Event, ...]:
-    """One for each run of swinging frames."""
+    """One event for each run of vibrating frames."""
     ends = np.flatnonzero(np.diff(np.concatenate([[False], ringing, [False]]).astype(int)))
     step = _median_step(table.time_s)
     std = step / np.sqrt(12.0) if np.isfinite(step) else np.nan
@@ -84,8 +84,8 @@ def _frequency_words(table: ContactTable, near: slice, beam: Beam | None, step: 
 
 
 def _frequency(time_s: np.ndarray, signal: np.ndarray, fastest_Hz: float) -> tuple[float, float] | None:
-    """Frequency in Hz and standard deviation of the strongest line in a signal (N,) on a slope (Lomb–Scargle); None
-    where noise would show as much (beta distribution of the power's share)."""
+    """Frequency, Hz, of the strongest line in a signal (N,) on a slope (Lomb–Scargle), and its standard deviation;
+    None where noise would have as strong a line (beta distribution of the power's share)."""
     time = time_s - time_s.mean()
     away = signal - np.polyval(np.polyfit(time, signal, 1), time)
     span, count = float(np.ptp(time)), len(time)
@@ -107,7 +107,7 @@ def _frequency(time_s: np.ndarray, signal: np.ndarray, fastest_Hz: float) -> tup
 
 @dataclass(frozen=True, eq=False)
 class _Growth:
-    """What surrounds a change, in order of time; a loss is taken backwards."""
+    """The frames around a change, in order of time; reversed for a loss."""
 
     time_s: np.ndarray  # (N,) of frames before and after
     evidence: np.ndarray  # (N,)
@@ -120,7 +120,7 @@ class _Growth:
 
 
 def _instant(growth: _Growth) -> tuple[float, float]:
-    """The instant at which the growth began, s, and its standard deviation."""
+    """The time at which the growth began, s, and its standard deviation."""
     low, high = growth.earliest_s, growth.latest_s
     mean, std = 0.5 * (low + high), (high - low) / np.sqrt(12.0)
     likeliest = None
@@ -150,13 +150,13 @@ def _instant(growth: _Growth) -> tuple[float, float]:
 
 
 def _common(growth: _Growth) -> float:
-    """The common error in deviations."""
+    """The shared error in standard deviations."""
     level, noise = _free_level(growth.free_evidence)
     return float(np.sqrt(max(2.0 * level - 3.0 * noise, 0.0)))
 
 
 def _free_level(evidence: np.ndarray) -> tuple[float, float]:
-    """Mean evidence E₀ of free frames (K,) and ε², their noise alone; what theory says where there are too few."""
+    """Mean evidence E₀ of free frames (K,), and ε² of their noise alone; theoretical values where there are too few."""
     if len(evidence) < 5:
         return 1.5, 1.0
     mean, variance = max(float(evidence.mean()), 0.05), float(evidence.var(ddof=1))
@@ -165,7 +165,8 @@ def _free_level(evidence: np.ndarray) -> tuple[float, float]:
 
 
 def _by_evidence(growth: _Growth, at: np.ndarray) -> np.ndarray:
-    """(A,) log-likelihood of t₀ by the evidence, up to the first frame of which it is only known to be much."""
+    """(A,) log-likelihoods of onset times t₀ by the evidence, up to the first frame with evidence known only to be
+    large."""
     much = np.flatnonzero(growth.evidence > TrackSettings.trusted_evidence)
     end = int(much[0]) + 1 if len(much) else len(growth.evidence)
     # frames before that carry no information
@@ -205,8 +206,8 @@ def _by_evidence(growth: _Growth, at: np.ndarray) -> np.ndarray:
 
 
 def _by_force(growth: _Growth, at: np.ndarray) -> np.ndarray:
-    """Log-likelihood (A,) of a contact's first instants t₀ (A,), s, by its forces, which grow on a line from zero: its
-    slope free, a bend and a common error allowed."""
+    """(A,) log-likelihoods of onset times t₀ (A,), s, by the forces, which grow linearly from zero, with a free
+    slope, a curvature and a shared error."""
     if len(growth.force_N) < 2 or not growth.force_time_s[-1] > at[-1]:
         return np.zeros(len(at))
     late = growth.force_time_s - at[:, None]  # (A, F)
@@ -227,13 +228,13 @@ def _by_force(growth: _Growth, at: np.ndarray) -> np.ndarray:
 
 
 def _contact_events(table: ContactTable, contacting: ContactStates) -> tuple[Event, ...]:
-    """First contacts and losses, timed by the growth of the deflection."""
+    """First contacts and losses, with times from the growth of the deflection."""
     decisive = np.flatnonzero((contacting.state >= 0) & np.isfinite(table.evidence))
     return tuple(_change(table, contacting, change, decisive) for change in contacting.changes)
 
 
 def _slip_events(table: ContactTable, phase: np.ndarray, strokes: Sequence[np.ndarray]) -> tuple[Event, ...]:
-    """Where sticking turns into sliding and back; `strokes` are rows of the table."""
+    """Transitions between sticking and sliding. strokes : rows of the table."""
     found = []
     for rows in strokes:
         decided = rows[np.isin(phase[rows], ("sticking", "rolling", "sliding"))]
@@ -282,7 +283,7 @@ def _change(table: ContactTable, contacting: ContactStates, change: ContactChang
 def _growth(
     table: ContactTable, contacting: ContactStates, change: ContactChange, decisive: np.ndarray
 ) -> _Growth | None:
-    """The growth of contact over the informative frames (T,) around a change; of a loss in reversed time."""
+    """The growth of contact over the informative frames (T,) around a change; time-reversed for a loss."""
     state, time = contacting.state, table.time_s
     place = int(np.searchsorted(decisive, change.row))
     if change.begins:
@@ -334,7 +335,7 @@ def follow(
     *,
     events: bool = True,
 ) -> Track:
-    """What happens in a recording: first contact, loss, sticking and sliding, ringing.
+    """Events of a recording: first contact, loss, sticking and sliding, vibration; and the slip.
 
     The rig separates calibration errors from noise and gives the joints' motion and the antenna's frequency; `shared`
     is `shared_errors(rig, table)`, where it is known already, `normal_world` (B, 3) the object's outward normals where
@@ -400,7 +401,7 @@ def _notes(table: ContactTable, contact: ContactStates, shared: CommonErrors) ->
 
 
 def _phases(slip: _Slip, antenna_radius_m: float) -> np.ndarray:
-    """(P,) what each frame of a stroke does; "touching" if undetermined."""
+    """(P,) phase of each frame of a stroke; "touching" if undetermined."""
     speed = np.linalg.norm(slip.velocity_m_s, axis=1)
     # its deviation: along the slip where that is clear, else the larger of all directions
     widest = largest_std(slip.parts_m2_s2)
@@ -429,7 +430,7 @@ def _phases(slip: _Slip, antenna_radius_m: float) -> np.ndarray:
 
 
 def runs(table: ContactTable, rows: np.ndarray, free: np.ndarray, breaks_s: np.ndarray) -> list[np.ndarray]:
-    """Rows of a table, split at gaps in time, at clocks that stop, at free frames (B,) and at times (K,)."""
+    """Runs of rows of a table, split at gaps in time, at clocks that stop, at free frames (B,) and at times (K,)."""
     if len(rows) == 0:
         return []
     time = table.time_s[rows]
@@ -445,7 +446,7 @@ def runs(table: ContactTable, rows: np.ndarray, free: np.ndarray, breaks_s: np.n
 
 
 def _without_walk(point: np.ndarray, tangent: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """(P, 3, K) paths of points (P, 3, K) less their walks along the antenna, by distances (P, K)."""
+    """(P, 3, K) paths of points (P, 3, K) without their motion along the antenna, by distances (P, K)."""
     walk = 0.5 * (tangent[1:] + tangent[:-1])[..., None] * np.diff(distance, axis=0)[:, None]
     return np.concatenate([point[:1], point[1:] - np.cumsum(walk, axis=0)])
 
@@ -453,8 +454,8 @@ def _without_walk(point: np.ndarray, tangent: np.ndarray, distance: np.ndarray) 
 def _material_noise(
     material: np.ndarray, time: np.ndarray, tangent: np.ndarray, own: np.ndarray, known: bool
 ) -> np.ndarray:
-    """(P, 3, 3) noise of the material path: along the antenna its own scatter, since an error of the distance moves
-    contact and walk alike; across it the contact's own noise, or the scatter where that is unknown."""
+    """(P, 3, 3) noise covariance of the material path: along the antenna its own scatter, since an error of the
+    distance moves contact and walk alike; across it the contact's own noise, or the scatter where that is unknown."""
     along = np.einsum("pi,pj->pij", tangent, tangent)
     flat = np.eye(3) - along
     across = flat @ own @ flat
@@ -483,7 +484,7 @@ def _material_noise(
 
 @dataclass(frozen=True, eq=False)
 class _Slip:
-    """Velocities in a stroke of P frames, world frame; the slip is in the plane of contact."""
+    """Velocities in a stroke of P frames, world frame; the slip lies in the plane of contact."""
 
     velocity_m_s: np.ndarray  # (P, 3)
     covariance_m2_s2: np.ndarray  # (P, 3, 3)
@@ -502,8 +503,8 @@ def _slip(
     kinematics: Kinematics,
     normal: np.ndarray | None = None,
 ) -> _Slip:
-    """The slip in each frame of a stroke, rows (P,) of the table; NaN in strokes of under three frames. Without the
-    object's outward normals (P, 3) the force and the slip determine them."""
+    """The slip in each frame of a stroke, rows (P,) of the table; NaN in strokes of under three frames. normal : (P,
+    3) outward normals of the object; without them force and slip determine these."""
     time, point, tangent = table.time_s[rows], table.point_world_m[rows], table.tangent_world[rows]
     material = _without_walk(point[..., None], tangent, table.distance_m[rows, None])[..., 0]
     modes, own = np.nan_to_num(shared.point_m[rows]), shared.own_m2[rows]
@@ -544,8 +545,8 @@ def _slip(
 
 
 def _slopes(time_s: np.ndarray) -> csr_array:
-    """(P, P) rows that make the slope at each time of the line through its neighbours, as many on either side where
-    there are; NaN rows for P < 3."""
+    """(P, P) weights for the slope at each time of the line through its neighbours, as many on either side as there
+    are; NaN rows for P < 3."""
     count = len(time_s)
     if count < 3:
         return csr_array(np.full((count, count), np.nan))
@@ -566,12 +567,13 @@ def _slopes(time_s: np.ndarray) -> csr_array:
 
 
 def _sloped(kernel: csr_array, values: np.ndarray) -> np.ndarray:
-    """(P, ...) the slopes of values (P, ...)."""
+    """(P, ...) slopes of values (P, ...), by the weights of `_slopes`."""
     return (kernel @ values.reshape(len(values), -1)).reshape(values.shape)
 
 
 def _axes(force: np.ndarray, tangent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(P, 3) normal × tangent, and the normal itself: the force, square to the tangent. NaN without a force."""
+    """(P, 3) normal × tangent, and the normal: the force's component perpendicular to the tangent. NaN without a
+    force."""
     upward = force - tangent * np.einsum("pi,pi->p", force, tangent)[:, None]
     size = np.linalg.norm(upward, axis=1, keepdims=True)
     upward = np.where(size > 0.0, upward / np.where(size > 0.0, size, 1.0), np.nan)
@@ -581,8 +583,8 @@ def _axes(force: np.ndarray, tangent: np.ndarray) -> tuple[np.ndarray, np.ndarra
 def _tilted_axes(
     moved: np.ndarray, covariance: np.ndarray, across: np.ndarray, upward: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The same axes turned about the tangent: where a material point seems to leave the plane of contact, the plane is
-    another, within what friction can do, and in the measure in which the slip's direction is known."""
+    """The axes rotated about the tangent: where a material point appears to leave the plane of contact, that plane
+    is corrected, within what friction allows and in proportion to the certainty of the slip's direction."""
     sideways, away = (np.einsum("pi,pi->p", axis, moved) for axis in (across, upward))
     noise = np.einsum("pi,pij,pj->p", upward, covariance, upward)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -594,7 +596,7 @@ def _tilted_axes(
 
 
 def _median_step(time_s: np.ndarray) -> float:
-    """Median time from frame to frame; infinite where there is none."""
+    """Median time between frames; infinite where there is none."""
     steps = np.diff(time_s[np.isfinite(time_s)])
     steps = steps[steps > 0.0]
     return float(np.median(steps)) if len(steps) else np.inf

@@ -1,13 +1,13 @@
-"""What following a recording in time gives; and when contact begins and ends: a sequential test on the evidence that
-each frame gives for a contact.
+"""A recording over time, and the beginning and end of contact by a sequential test on each frame's evidence for
+contact.
 
-A slow approach shows in several frames together before it shows in one, but not in their sum: the calibration's
-error is common to all frames, and a rig that is off within its covariance gives every free frame the same little
-evidence. So the last frames are compared with the ones before them, which is what this very antenna shows when free.
+A slow approach is visible in several frames together before it is in one, but not in their sum: the calibration's error
+is shared by all frames, and a rig that is off within its covariance gives every free frame the same small evidence. So
+the last frames are compared with the ones before them, which are this very antenna's when free.
 
-Without contact the evidence follows χ²₃/2, or with a common error a noncentral χ² of smaller scatter. Its cube root is
-nearly normal either way (Wilson and Hilferty 1931), so that the difference of two means follows Student's t, the
-baseline's own uncertainty included.
+Without contact the evidence follows χ²₃/2, or with a shared error a noncentral χ² of smaller scatter. Its cube root is
+nearly normal either way (Wilson and Hilferty 1931), so that the difference of two means follows Student's t, with the
+baseline's own uncertainty.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from estimator.table.contacts import ContactTable
 
 @dataclass(frozen=True)
 class TrackSettings:
-    """What counts as contact, loss, slip and ringing over time."""
+    """Thresholds of contact, loss, slip and vibration over time."""
 
     half_window_s: float = 0.1  # slips are slopes over the frames within this time
     windows: tuple[int, ...] = (3, 6, 12)  # last frames that are taken together
@@ -78,7 +78,7 @@ class TrackSettings:
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened: its kind, and the number of the frame with which it was known.
+    """An event: its kind, and the number of the frame in which it was detected.
 
     kind : "first_contact", "loss", "slip_start", "slip_end" or "ringing".
     `time_s`, `time_std_s` say when it happened, NaN where that is undetermined, `delay_s` how much later it was known,
@@ -131,7 +131,7 @@ class ContactChange:
 
 @dataclass(frozen=True, eq=False)
 class ContactStates:
-    """The states of frames as they were decided in time."""
+    """States of frames, decided in order of time."""
 
     state: np.ndarray  # (B,) 1 in contact, 0 free, -1 not known
     changes: tuple[ContactChange, ...]
@@ -139,7 +139,7 @@ class ContactStates:
 
 
 def contact_states(table: ContactTable, ringing: np.ndarray) -> ContactStates:
-    """Go through a recording once, forward, as a live judge would; a ringing antenna says nothing."""
+    """The contact states of a recording, decided forwards in time as in a live run; vibrating frames are not used."""
     # in contact; `no_contact` is free, all others are neither
     contact_by_status = np.where(
         np.isin(table.status, ("ok", "tip_contact", "low_signal")), 1, np.where(table.status == "no_contact", 0, -1)
@@ -183,7 +183,7 @@ def contact_states(table: ContactTable, ringing: np.ndarray) -> ContactStates:
 
 
 def baseline_candidates(free: Sequence[int]) -> Sequence[int]:
-    """Of the frames of a free run those that no slow approach is in yet."""
+    """The frames of a free run that precede any slow approach."""
     recent = free[-TrackSettings.baseline_frames - TrackSettings.lag_frames :]
     early = (
         recent[: -TrackSettings.lag_frames]
@@ -194,7 +194,7 @@ def baseline_candidates(free: Sequence[int]) -> Sequence[int]:
 
 
 def _rises(root: np.ndarray, run: Sequence[int], base: np.ndarray) -> bool:
-    """Whether the last frames of a run of free ones show more than the baseline's, and noise would hardly ever."""
+    """Whether the evidence of a free run's last frames exceeds the baseline's significantly."""
     if len(base) < TrackSettings.fewest_baseline:
         return False
     mean, scatter = _normal(root[base])
@@ -207,7 +207,7 @@ def _rises(root: np.ndarray, run: Sequence[int], base: np.ndarray) -> bool:
 
 
 def _normal(values: np.ndarray) -> tuple[float, float]:
-    """Mean and standard deviation, the latter larger where neighbouring frames are alike: they count for fewer."""
+    """Mean and standard deviation, increased where neighbouring frames are correlated and count for fewer."""
     mean, scatter = float(values.mean()), float(values.std(ddof=1))
     away = values - mean
     alike = float(away[1:] @ away[:-1]) / max(float(away @ away), 1e-30)
@@ -216,7 +216,7 @@ def _normal(values: np.ndarray) -> tuple[float, float]:
 
 
 def _exceeds(late: np.ndarray, base: np.ndarray, deviations: float) -> bool:
-    """Whether the mean of some frames is more than the free antenna's by so many of its deviations."""
+    """Whether the mean of some frames exceeds the free antenna's by `deviations` of its standard deviations."""
     if len(base) < TrackSettings.fewest_baseline or not np.isfinite(late).all():
         return False
     mean, scatter = _normal(base)

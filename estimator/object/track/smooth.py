@@ -1,10 +1,10 @@
-"""Contacts made smooth in time, with covariances that stay honest.
+"""Smoothing of contacts over time, with honest covariances.
 
-Within a stroke, between one beginning of slip and the next, the contact moves at a velocity that changes by a random
-walk (constant velocity, Kalman; Rauch, Tung and Striebel backward). How much it changes is taken from the data, axis by
-axis: the mean of the intensity under its likelihood, so that a path too short to show its curvature is not taken for
-a straight line. Only what differs between frames is smoothed away. The calibration's error, which smoothing
-cannot reduce, is added again.
+Within a stroke, between one onset of slip and the next, the contact moves at a velocity that changes by a random walk
+(constant-velocity Kalman filter with the Rauch–Tung–Striebel smoother). The walk's intensity is taken from the data,
+axis by axis: its mean under the likelihood, so that a path too short to reveal its curvature is not taken for a
+straight line. Only the noise that differs between frames is smoothed. The calibration's error, which smoothing cannot
+reduce, is added again.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from .onset import Track
 def _kalman_smooth(
     time_s: np.ndarray, values: np.ndarray, covariance: np.ndarray, walk: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Smoothed values (P, D) and covariances (P, D, D) of values with noise of covariance (P, D, D) at rising times
-    (P,); `walk` (D,) is the intensity of the velocity's random walk, unit²/s³."""
+    """Smoothed values (P, D) and covariances (P, D, D), from values with noise covariances (P, D, D) at increasing
+    times (P,). walk : (D,) intensity of the velocity's random walk, unit²/s³."""
     count, size = values.shape
     unit, nothing, noise = np.eye(size), np.zeros((size, size)), np.diag(walk)
     span = max(float(time_s[-1] - time_s[0]), 1e-9)
@@ -71,7 +71,8 @@ def _walk_intensity(time_s: np.ndarray, values: np.ndarray, variance: np.ndarray
 
 
 def _log_likelihoods(time: np.ndarray, values: np.ndarray, variance: np.ndarray, trials: np.ndarray) -> np.ndarray:
-    """(T,) of the trial intensities, one filter for all of them; the first two values only begin the path."""
+    """(T,) log-likelihoods of the trial intensities, by one filter for all of them; the first two values only
+    initialise it."""
     step = time[1] - time[0]
     place, speed = np.full(len(trials), values[1]), np.full(len(trials), (values[1] - values[0]) / step)
     pp = np.full(len(trials), variance[1])
@@ -96,10 +97,9 @@ def _log_likelihoods(time: np.ndarray, values: np.ndarray, variance: np.ndarray,
 def smooth(
     table: ContactTable, rig: Rig, shared: CommonErrors | None = None, track: Track | None = None
 ) -> ContactTable:
-    """The same table with contact points, distances and forces smoothed in time; what is not located, or lies in too
-    short a piece, stays. The rig separates calibration errors from noise, for smoothing reduces the latter alone.
-    `shared` and `track` as by `shared_errors` and `follow`, where they are known already.
-    """
+    """The table with contact points, distances and forces smoothed over time; rows that are not located, or lie in
+    too short a piece, are unchanged. The rig separates calibration errors from noise, which alone is reduced.
+    shared, track : from `shared_errors` and `follow`, if known already."""
     shared = shared_errors(rig, table) if shared is None else shared
     track = follow(table, rig, shared) if track is None else track
     changed = {
@@ -116,7 +116,7 @@ def smooth(
 
 
 def _smoothable_pieces(table: ContactTable, track: Track) -> list[np.ndarray]:
-    """Rows of the table that may be smoothed together: never across a loss, a gap, or a beginning or end of slip."""
+    """Runs of rows that may be smoothed together: never across a loss, a gap, or a change between stick and slip."""
     good = table.located & np.isfinite(table.time_s) & np.isfinite(table.covariance_world_m2).all(axis=(1, 2))
     breaks = np.array([event.time_s for event in track.events if event.kind in ("loss", "slip_start", "slip_end")])
     free = track.phase == "free"
@@ -152,7 +152,7 @@ def _smooth_piece(
     changed["point_antenna_m"][rows] += np.einsum("bji,bj->bi", rotation, moved)
 
     def smooth_number(name: str, own: np.ndarray) -> np.ndarray:
-        """Of a column with this own variance (P,); as it was where nothing can be done."""
+        """A smoothed column with own variances (P,); unchanged where nothing can be done."""
         values, std = changed[name][rows], changed[_std(name)][rows]
         walk = _walk_intensity(time, values, own)
         if np.isfinite(walk):
@@ -178,6 +178,6 @@ def _smooth_piece(
 
 
 def _std(name: str) -> str:
-    """The column of a number's deviation."""
+    """The name of a column's standard-deviation column."""
     quantity, _, unit = name.rpartition("_")
     return f"{quantity}_std_{unit}"

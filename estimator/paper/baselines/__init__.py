@@ -1,6 +1,6 @@
-"""The systems around the paper under one interface, as baselines: `run_method(name, press)` gives an `Answer`.
+"""Related systems under one interface, as baselines: `run_method(name, press)` returns an `Answer`.
 
-They are kept as their authors had them, with their assumptions; `METHODS` lists them. The estimator itself is
+They are implemented as published, with their assumptions; `METHODS` lists them. The estimator itself is
 `estimator.ContactEstimator`.
 """
 

@@ -1,4 +1,4 @@
-"""Every system of the paper's family by its name: what it needs, and how it answers."""
+"""Every related system by name: the sensors that it needs, and its formula."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .press import Answer, Press, Ring
 
 @dataclass(frozen=True)
 class _PressSettings:
-    """When the methods of earlier sensors answer."""
+    """Thresholds from which the methods of earlier sensors return a result."""
 
     stands_out_std: float = 5.0  # standard deviations that the moment's growth, or the ringing, must exceed
     lateral_rad: float = 0.05  # angle between moment and turn, beyond noise, from which the contact slips laterally
@@ -40,7 +40,7 @@ _Slope = tuple[float, float, float]
 
 
 def _active_antenna(press: Press) -> Answer:
-    """l = 3EI·w/τ on the axis about which the base turned most.
+    """Distance l = 3EI·w/τ on the axis about which the base turned most.
 
     Assumes: a rigid object, small turns, no slip and no friction. The slope of τ over w is taken with a free intercept,
     so that neither the sensor's offset nor the moment of first contact matters; a single frame goes through the origin.
@@ -55,7 +55,7 @@ def _active_antenna(press: Press) -> Answer:
 
 
 def _active_antenna_3d(press: Press) -> Answer:
-    """The same with two moment axes: l = 3EI·|w|/|τ| while the moment grows against the turn.
+    """Distance l = 3EI·|w|/|τ| from two moment axes, while the moment grows against the rotation.
 
     Assumes, besides, that the push is along the object's normal. Pushed at an angle the antenna slips sideways, the
     moment's direction leaves the turn's, and the formula has no answer: the reason says so.
@@ -75,8 +75,8 @@ def _active_antenna_3d(press: Press) -> Answer:
 
 
 def _slope(press: Press, turn: np.ndarray, moment: np.ndarray) -> _Slope:
-    """Of the moment over the turn (F,) by least squares, with an intercept if F > 1, its deviation, and how much the
-    last moment moves it; NaN where nothing turns."""
+    """Slope of the moment over the rotation (F,) by least squares, with an intercept if F > 1, its standard
+    deviation, and its derivative by the last moment; NaN without rotation."""
     lateral = turn - turn.mean() if len(turn) > 1 else turn
     spread = float(lateral @ lateral)
     if spread <= 0.0:
@@ -87,7 +87,7 @@ def _slope(press: Press, turn: np.ndarray, moment: np.ndarray) -> _Slope:
 
 
 def _distance(press: Press, found: _Slope, moment_Nm: np.ndarray, direction: np.ndarray) -> Answer:
-    """From dτ/dw = 3EI/l; the force is the last moment (2,) over l, along the components that were turned."""
+    """Distance from dτ/dw = 3EI/l; the force is the last moment (2,) over l, along the components that were rotated."""
     wire, (slope, std, by_last) = press.wire, found
     if not slope > (0.0 if np.isnan(std) else _PressSettings.stands_out_std * std):
         return Answer(reason="the moment does not grow with the turn beyond its noise: nothing is pressed")
@@ -105,7 +105,8 @@ def _distance(press: Press, found: _Slope, moment_Nm: np.ndarray, direction: np.
 
 
 def _dynamic_active_antenna(press: Press) -> Answer:
-    """l from the natural frequency of the ring-down in the moment signal; where two places ring alike, both of them.
+    """Distance l from the natural frequency of the ring-down in the moment signal; both where two distances have the
+    same.
 
     Assumes: a contact that neither moves nor is left while the antenna rings, and that lets it turn; one mode that
     outlives the others. An object that gives way lowers the frequency: it feels like a contact nearer to the clamp.
@@ -141,8 +142,8 @@ def _dynamic_active_antenna(press: Press) -> Answer:
 
 
 def _fit_ringing(ring: Ring, band_rad_s: tuple[float, float]) -> tuple[float, float] | str:
-    """Natural frequency √(ω² + decay²) of the strongest damped sinusoid over a constant, and the deviation of ω from
-    the misfit that is left, rad/s; in words why there is none.
+    """Natural frequency √(ω² + decay²), rad/s, of the strongest damped sinusoid over a constant, and the standard
+    deviation of ω from the residuals; or the reason in words why there is none.
 
     It is sought in the band of possible first modes: higher modes may be louder.
     """
@@ -181,7 +182,7 @@ def _fit_ringing(ring: Ring, band_rad_s: tuple[float, float]) -> tuple[float, fl
 
 
 def _strongest(time_s: np.ndarray, signal: np.ndarray, band_rad_s: tuple[float, float]) -> float:
-    """ω of the periodogram's peak in the band, beyond what a drift fills; NaN where there is no such frequency."""
+    """ω of the periodogram's peak in the band, above what a drift fills; NaN without one."""
     if not (np.diff(time_s) > 0.0).all():
         return np.nan
     even = np.interp(np.linspace(0.0, time_s[-1], len(time_s)), time_s, signal)
@@ -195,17 +196,19 @@ _Formula = Callable[[np.ndarray], np.ndarray]  # from M inputs (M, K) to results
 
 
 def _vbaa_2d(press: Press) -> Answer:
-    """l and f_y from vision alone, seen square on. Where the object bends the antenna out of C, f_z is missed."""
+    """l and f_y from vision alone, with a view perpendicular to plane C. Where the object bends the antenna out of
+    C, f_z is missed."""
     return _upright(press, np.nan)
 
 
 def _vbaa_3d_camera_a(press: Press) -> Answer:
-    """l and f_y from vision, f_z = τ_y/l from the moment sensor; the camera is square on plane C, its rays parallel."""
+    """l and f_y from vision, f_z = τ_y/l from the moment sensor; orthographic view perpendicular to plane C."""
     return _upright(press, float(np.asarray(press.moment_Nm)[-1, 1]))
 
 
 def _vbaa_3d_camera_b(press: Press) -> Answer:
-    """l, f_y and f_z from two points and the moment together, exactly; parallel rays, inclined by ϕ to the clamp."""
+    """l, f_y and f_z from two points and the moment together, exactly; orthographic view, inclined by ϕ to the
+    clamp."""
 
     def solve(finite: np.ndarray) -> np.ndarray:
         found = inclined_two_point_contact(
@@ -243,7 +246,7 @@ def _vbaa_2d_pushing(press: Press) -> Answer:
 
 
 def _two_points(press: Press, frame: int) -> np.ndarray | None:
-    """(2, 2) the points of a frame that are seen nearest to `_SHARES` of the length; None without two of them."""
+    """(2, 2) the points of a frame nearest to `_SHARES` of the length; None without two of them."""
     points = np.asarray(press.points_m)[frame]
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) < 2:
@@ -255,8 +258,8 @@ def _two_points(press: Press, frame: int) -> np.ndarray | None:
 
 
 def _propagate(solve: _Formula, finite: np.ndarray, std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Results (Q,) of one input (K,), and what independent noise of these deviations (K,) moves them by, (Q, K): half
-    the difference over ± one deviation; NaN where that reaches out of what has a solution."""
+    """Results (Q,) of one input (K,), and their changes (Q, K) by independent noise of these standard deviations
+    (K,): half the difference over ± one standard deviation; NaN where that leaves the range with a solution."""
     values = solve(finite + np.concatenate([np.zeros((1, len(finite))), np.diag(std), -np.diag(std)]))
     up, down = np.split(values[1:], 2)
     return values[0], 0.5 * (up - down).T
@@ -274,8 +277,8 @@ def _upright(press: Press, moment_Nm: float) -> Answer:
 
 
 def _answer(press: Press, solve: _Formula, points: np.ndarray | None, moment_Nm: float) -> Answer:
-    """A method's answer by a formula over (x1, x2, y1, y2, τ_y, EI), with first-order standard deviations; a moment of
-    NaN is none."""
+    """A method's answer by a formula over (x1, x2, y1, y2, τ_y, EI), with first-order standard deviations; NaN for a
+    missing moment."""
     if points is None:
         return Answer(reason="fewer than two points of the antenna are seen apart from each other")
     wire, noise, blind = press.wire, press.noise, bool(np.isnan(moment_Nm))
@@ -297,7 +300,8 @@ def _answer(press: Press, solve: _Formula, points: np.ndarray | None, moment_Nm:
 
 
 def _compliance_of(values: np.ndarray, covariance: np.ndarray) -> tuple[float, float]:
-    """1/k in m/N and its deviation from −f and u (n, 2), with covariances (n, 2, 2): a line with both in error.
+    """Compliance 1/k in m/N and its standard deviation from −f and u (n, 2), with covariances (n, 2, 2): a line with
+    errors in both.
 
     Least is Σ (u − u₀ − slope·(−f))²/variance of that, which depends on the slope, since the errors of f and u go
     together. The deviation grows with the scatter where that is more than the noise, or where no noise is known.
@@ -324,7 +328,7 @@ def _compliance_of(values: np.ndarray, covariance: np.ndarray) -> tuple[float, f
 
 
 def _yield_at(press: Press, frame: int, turn_rad: float) -> tuple[np.ndarray, np.ndarray] | None:
-    """−f_y and u of one frame, and their covariance (2, 2); None without two points, or a force that is known."""
+    """−f_y and u of one frame, and their covariance (2, 2); None without two points or a known force."""
     points, stiffness = _two_points(press, frame), press.wire.stiffness_Nm2
     if points is None:
         return None
@@ -358,7 +362,7 @@ METHODS: dict[str, tuple[Callable[[Press], Answer], str]] = {
 
 @gate
 def run_method(name: str, press: Press) -> Answer:
-    """What the method makes of the press; what it lacks is its reason for saying nothing.
+    """The method's answer to the press; where it lacks a sensor, with that as the reason.
 
     Raises InputError for an unknown name.
     """

@@ -21,7 +21,8 @@ _QUARTIC = 4  # degree of the no-load shape: that of a beam under its own weight
 @gate
 @dataclass(frozen=True)
 class Wire:
-    """A straight, uniform antenna, with its calibration's deviations. ρA, which only ringing needs, may be NaN."""
+    """A straight, uniform antenna, with the standard deviations of its calibration. ρA, which only ring-downs need,
+    may be NaN."""
 
     length_m: float
     stiffness_Nm2: float
@@ -39,7 +40,7 @@ class Wire:
 @gate
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations of a press's numbers, independent of one another; NaN where not known."""
+    """Standard deviations of a press's independent measurements; NaN where unknown."""
 
     point_m: float = np.nan
     moment_Nm: float = np.nan
@@ -49,7 +50,7 @@ class Noise:
 @gate
 @dataclass(frozen=True, eq=False)
 class Ring:
-    """The moment signal of an antenna left ringing against the object: times (R,) s, moments (R,) N·m."""
+    """The moment signal during a ring-down against the object: times (R,) s, moments (R,) N·m."""
 
     time_s: np.ndarray
     moment_Nm: np.ndarray
@@ -62,7 +63,7 @@ class Ring:
 @gate
 @dataclass(frozen=True, eq=False)
 class Press:
-    """F frames of one touch in order of time; the last one is now. None where there is no such sensor.
+    """F frames of one touch in order of time; the last one is the present. None where there is no such sensor.
 
     Attributes
     ----------
@@ -94,7 +95,7 @@ class Press:
 
     @property
     def has(self) -> frozenset[str]:
-        """Which of `methods.NEEDS` it brings."""
+        """The measurements that it has, by the names of `methods.NEEDS`."""
         read = np.zeros(2, bool) if self.moment_Nm is None else np.isfinite(self.moment_Nm).all(axis=0)
         found = {
             "turns": self.turn_rad is not None and bool(np.isfinite(self.turn_rad).all()),
@@ -108,7 +109,7 @@ class Press:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What a system says of the press, at its last frame. NaN is what it cannot say; `reason` says why.
+    """A system's answer for the press's last frame. NaN for what it cannot determine, with the `reason`.
 
     Attributes
     ----------
@@ -129,7 +130,7 @@ class Answer:
 
 
 def _world_turn(rotations: np.ndarray) -> np.ndarray:
-    """(F, 2) turns (w_y, w_z), rad, of the antenna's x axis since the first of the base's rotations (F, 3, 3)."""
+    """(F, 2) rotations (w_y, w_z), rad, of the antenna's x axis since the first of the base's rotations (F, 3, 3)."""
     now = np.einsum("ji,fj->fi", rotations[0], rotations[:, :, 0])
     off_axis = np.linalg.norm(now[:, 1:], axis=1, keepdims=True)
     angle = np.arctan2(off_axis, now[:, :1])
