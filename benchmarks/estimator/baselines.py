@@ -15,7 +15,8 @@ FIRST_GUESS = 0.7
 
 
 def at_shares(scenes: Scenes, ends: tuple[float, float]) -> np.ndarray:
-    """(B, 2) indices of the points that lie nearest to the places that `PARTS` names."""
+    """(B, 2) indices of the points nearest to two places: up to 1 in contact distances, beyond it 1 plus the share of
+    the straight part."""
     contact, length = scenes.distance_m[:, None], scenes.rig.antenna.length_m
     share = np.array(ends)
     wanted = np.where(share <= 1.0, share * contact, contact + (share - 1.0) * (length - contact))

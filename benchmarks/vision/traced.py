@@ -1,15 +1,13 @@
 """Path-traced sessions (`vbaa simulate --render mitsuba`): what is seen of the antenna, and the contacts that follow.
 
 Each session is calibrated and estimated as a user would, by default flags; centrelines and contacts are held against
-the session's labels and truth. `python -m benchmarks.vision.traced SESSION… --out FOLDER`. Sessions that nothing was
-made on: `… SCENE… --moved FOLDER` writes the scenes once more, camera and object elsewhere, to be rendered.
+the session's labels and truth. `python -m benchmarks.vision.traced SESSION… --out FOLDER`.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
-import random
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +15,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import yaml
 
 from benchmarks.harness import Draws, column, rms, table, write_csv
 from estimator.contact.estimate import ContactEstimator
@@ -204,24 +201,6 @@ def measure_session(folder: Path, seed: int = 0) -> TracedRow:
     )
 
 
-def moved_scenes(scenes: Sequence[Path], out: Path) -> None:
-    """Write scene files once more, with the camera and the object elsewhere, and other noise and clutter."""
-    out.mkdir(parents=True, exist_ok=True)
-    rng = random.Random(5)
-    for path in scenes:
-        scene = yaml.safe_load(path.read_text(encoding="utf-8"))
-        scene["name"], scene["seed"] = f"{scene['name']}_moved", scene["seed"] + 1000
-        pose, touched = scene["camera"]["pose"], scene["object"]
-        pose["inclination_deg"] += rng.uniform(-5.0, 12.0)
-        pose["azimuth_deg"] += rng.uniform(-12.0, 12.0)
-        pose["distance_m"] *= rng.uniform(0.97, 1.1)
-        pose["roll_deg"] += rng.uniform(-3.0, 3.0)
-        touched["radius_m"] = rng.uniform(0.010, 0.020)
-        touched["center_world_m"][0] += rng.uniform(-0.012, 0.012)
-        touched["axis_world"][:2] = rng.uniform(-0.2, 0.2), rng.uniform(-0.2, 0.2)
-        (out / f"{scene['name']}.yaml").write_text(yaml.safe_dump(scene), encoding="utf-8")
-
-
 TITLE = (
     "path-traced recordings, rigs calibrated from their own pictures; seen: a point on nine tenths of the visible "
     "antenna; × true: over the same frames with true centrelines and the stated noise"
@@ -232,11 +211,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("sessions", nargs="+", type=Path)
     parser.add_argument("--out", type=Path)
-    parser.add_argument("--moved", type=Path, help="write the scene files given, moved, into this folder")
     args = parser.parse_args(argv)
-    if args.moved is not None:
-        moved_scenes(args.sessions, args.moved)
-        return
     rows = []
     for folder in args.sessions:
         rows.append(measure_session(folder))
