@@ -62,7 +62,7 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
-    """Load on first use. Raises ImportError naming the folder that stands in the place of a package of ours."""
+    """Load names on first use. Raises ImportError naming the folder that hides a package of ours."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     module, _, own = _HOMES[name].partition(":")

@@ -1,4 +1,4 @@
-"""Contacts of one rig from whatever there is: a picture, pixels, a session, or frames while they come."""
+"""Contacts of one rig from any input: a picture, pixels, a session, or frames as they come."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class SessionContactEstimator(ContactEstimator):
         moment_z: float | None = None,
         **options: Unpack[FrameOptions],
     ) -> Contact:
-        """One frame: its picture, pixels of the antenna, or points on plane C.
+        """The contact of one frame: from its picture, pixels of the antenna, or points on plane C.
 
         Parameters
         ----------
@@ -79,7 +79,8 @@ class SessionContactEstimator(ContactEstimator):
         return frame_contact(firsts[0][1].frame, seen, self.measure(seen.measured)).contact
 
     def estimate_session(self, path: str | Path, *, no_moment: bool = False) -> ContactTable:
-        """Every frame of a recording, as `vbaa estimate` writes it: of a session, a bag or a video.
+        """The contacts of every frame of a recording, as `vbaa estimate` writes them: of a session, a bag or a
+        video.
 
         What the frames together show to be wrong is in `verdict`, and its rows are `contradicted`. no_moment : by the
         pictures alone. Raises InputError for what is wrong in its files.
@@ -109,7 +110,7 @@ class SessionContactEstimator(ContactEstimator):
         return ContactTable.from_rows(rows)
 
     def live(self, frames: Iterable[Mapping[str, Any]]) -> Iterator[Contact]:
-        """Each frame's contact as it comes, by this frame and those before it: motion and the rig's drift count.
+        """Yields each frame's contact as it comes, from this frame and those before it, with motion test and drift.
 
         frames : mappings with image, moment, pan, tilt and, where they are known, moment_z, readings and time_s, as
             `estimate` takes them. For readings at other instants than the pictures': `estimator.live`.
@@ -130,7 +131,7 @@ class SessionContactEstimator(ContactEstimator):
                 yield frame_contact(looks[0][1].frame, seen, contact).contact
 
     def _glances(self, number: int, read: Mapping[str, Any]) -> list[tuple[SessionContactEstimator, _FirstDetection]]:
-        """First looks at each camera's picture, and the estimator of each. Raises InputError."""
+        """First detections in each camera's picture, with the estimator of each. Raises InputError."""
         from estimator.contact.recording import first_look
 
         if not self.rig.others:
@@ -149,7 +150,7 @@ class SessionContactEstimator(ContactEstimator):
         return found
 
     def _seen(self, number: int, image: Any, **read: Any) -> _FirstDetection:
-        """A first look at a picture and what was read with it. Raises InputError."""
+        """The first detection in a picture with its readings. Raises InputError."""
         from estimator.contact.recording import first_look, read_own
 
         frame = self._frame(number, **read)
@@ -177,7 +178,7 @@ class SessionContactEstimator(ContactEstimator):
         readings: Any = None,
         time_s: Any = np.nan,
     ) -> Frame:
-        """What was read with a picture. Raises InputError."""
+        """The readings of a picture as a frame. Raises InputError."""
         from vbaa_calib.session import READINGS, Frame
 
         read: Any = {"moments": [moment], "moments_z": [moment_z]}

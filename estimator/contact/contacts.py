@@ -269,7 +269,7 @@ class MotionCheck:
         return self._ready(self._motion.push(several.shapes))
 
     def finish(self) -> Iterator[Contact]:
-        """The contacts that wait for later frames."""
+        """The contacts that wait for later frames, at the end of the recording."""
         loads = self._motion.finish()
         return iter(()) if loads is None else self._ready(loads)
 
@@ -282,7 +282,7 @@ class MotionCheck:
 
 
 def last(parts: Generator[None, None, _T]) -> _T:
-    """What a generator returns in the end."""
+    """The return value of a generator, run to its end."""
     while True:
         try:
             next(parts)
@@ -292,7 +292,7 @@ def last(parts: Generator[None, None, _T]) -> _T:
 
 
 def jacobian_of(batch: Batch, rig_arrays: RigArrays, rung: str, fitted: FitNumbers, located: np.ndarray) -> Jacobian:
-    """Derivatives of the contacts (B,) that were fitted to a batch; `located` says which there are."""
+    """Derivatives of the contacts (B,) that were fitted to a batch. located : mask of those that exist."""
     frames, rig = batch.frames(rig_arrays), rig_arrays.rig
     known = located & ~fitted.marginal
     at = np.where(known[:, None], fitted.unknowns, [0.5, 0.0, 0.0, 0.0])
@@ -304,7 +304,7 @@ def jacobian_of(batch: Batch, rig_arrays: RigArrays, rung: str, fitted: FitNumbe
     turned, shifted = rig.kinematics.by_joints(batch.pan_rad, batch.tilt_rad)  # (2, B, 3, 3), (2, B, 3)
 
     def in_world(by: np.ndarray) -> np.ndarray:
-        """(B, 7, ...) rows of distance, force and contact point, the latter turned into the world frame."""
+        """(B, 7, ...) rows of distance, force and contact point, the last rotated into the world frame."""
         point = np.einsum("bij,bj...->bi...", rotation, by[:, 1:4])
         whole: np.ndarray = np.where(
             known.reshape(-1, *[1] * (by.ndim - 1)), np.concatenate([by[:, :1], by[:, 4:], point], axis=1), np.nan

@@ -1,4 +1,4 @@
-"""What is wrong with a recording: hypotheses about readings, pictures and rig, and the frames' evidence for each."""
+"""Diagnosis of a recording: hypotheses about readings, pictures and rig, and the frames' evidence for each."""
 
 from .service import RigWatch
 from .watch import RecordingVerdict, RecordingWatch, recording_verdict

@@ -1,4 +1,4 @@
-"""A rig that has changed since its calibration: which of its parameters, and by how much."""
+"""Hypotheses of a rig that has changed since its calibration: which of its parameters, and by how much."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .evidence import Case, Recorded, weighed
 
 
 class Change(NamedTuple):
-    """A row: parameters of a rig that may have changed together since its calibration.
+    """A row of the table: parameters of a rig that may have changed together since its calibration.
 
     std : standard deviation of each parameter beforehand, in its own unit, or relative to its value for "f" (both focal
     lengths) and the sensor's gain, and in standard deviations of the sensor's noise for its zero. "length_m": of the
@@ -209,8 +209,8 @@ CHANGES = (
 
 
 def axes_of(rig: Rig, rows: Sequence[Change]) -> tuple[np.ndarray, list[np.ndarray]]:
-    """(18 + P, Q) the parameters' steps by one standard deviation of each row's, and the columns (K,) of each; an
-    empty one where the rig does not have the parameter."""
+    """(18 + P, Q) parameter steps by one standard deviation of each row's change, and each row's columns (K,), empty
+    where the rig does not have the parameter."""
     more = () if rig.wrench_sensor is None else rig.wrench_sensor.parameter_names
     names = [*rig.parameter_names, *more, *["tip_offset_m"] * (rig.tip is not None)]
     if rig.others:  # nothing is supposed of further cameras' own parameters
@@ -240,7 +240,7 @@ def axes_of(rig: Rig, rows: Sequence[Change]) -> tuple[np.ndarray, list[np.ndarr
 
 @dataclass(frozen=True, eq=False)
 class _Changed:
-    """A change that was fitted: by how much, in units of its row's standard deviations, and how well it explains."""
+    """A fitted change: its size, in units of its row's standard deviations, and its evidence."""
 
     row: Change
     axes: np.ndarray  # (18 + P, K)
@@ -251,7 +251,7 @@ class _Changed:
 
     @cached_property
     def size(self) -> float:
-        """Of the change, in the row's unit."""
+        """Size of the change in the row's unit."""
         values = (self.row.factor * self.steps * list(self.row.std.values()))[: self.row.measures]
         return float(np.linalg.norm(values)) if len(values) > 1 else float(values[0])
 
@@ -267,8 +267,8 @@ class _Changed:
 
 
 def fitted(case: Case, row: Change, axes: np.ndarray, first: int = 0) -> _Changed | None:
-    """A row's change from a frame on, by Gauss–Newton steps from none, from what most frames share as free ones, and
-    from other scales of the picture. None where the frames say nothing about it."""
+    """A row's change from the frame `first` on, by Gauss–Newton from no change, from what most frames share if they
+    are free, and from other scales of the picture. None where the frames do not determine it."""
     few, begin, best = case, first, None
     if case.many_lost:
         # frames that nothing explains take long: a few of them lead there
@@ -289,7 +289,7 @@ def fitted(case: Case, row: Change, axes: np.ndarray, first: int = 0) -> _Change
 
 
 def _moved(rig: Rig, row: Change, step: np.ndarray) -> Rig:
-    """A rig a step (18 + P,) away; the end of a longer antenna lies further out, and it weighs more."""
+    """A rig changed by a step (18 + P,); the end of a longer antenna lies farther out, and it weighs more."""
     if "length_m" not in row.std:
         return rig.moved(step)
     return replace(rig, antenna=replace(rig.antenna, length_m=max(rig.antenna.length_m + float(step[-1]), 1e-3)))
@@ -298,7 +298,7 @@ def _moved(rig: Rig, row: Change, step: np.ndarray) -> Rig:
 def _descended(
     case: Case, row: Change, axes: np.ndarray, steps: np.ndarray, free: np.ndarray | None, first: int
 ) -> _Changed | None:
-    """By damped Gauss–Newton steps; the first one with the free antenna in the frames `free` (F,)."""
+    """Minimises by damped Gauss–Newton steps; the first one with the free antenna in the frames `free` (F,)."""
     recorded, settings, cost, best = case.recorded, case.settings, np.inf, None
     for turn in range(settings.iterations):
         try:

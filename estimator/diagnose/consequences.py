@@ -1,4 +1,4 @@
-"""What follows from what is wrong with a recording: rows that must not be used, findings in words, an exit code."""
+"""Consequences of a recording's diagnoses: rows that must not be used, findings in words, an exit code."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from .watch import RecordingVerdict, RecordingWatch
 
 
 def changed_row(verdict: RecordingVerdict, row: int, status: str, reason: str) -> tuple[str, str]:
-    """Status and reason of a row under a recording's verdict: contradicted, with the cause, where that concerns it and
-    the row has numbers or says that nothing touches."""
+    """Status and reason of a row under a recording's verdict: contradicted, with the cause, where that concerns the
+    row and it has numbers or no contact."""
     if status not in (*LOCATED, "no_contact", "low_signal") or not verdict.concerns(row):
         return status, reason
     remedy = next((one.remedy for one in verdict.verdict.findings if one.grave), "")
@@ -24,7 +24,8 @@ def changed_row(verdict: RecordingVerdict, row: int, status: str, reason: str) -
 
 
 def with_unused(found: RecordingVerdict, counts: Mapping[str, int], frames: int) -> RecordingVerdict:
-    """A recording's verdict with what is not used in many of its frames, unless a mistake is known that may explain it.
+    """A recording's verdict with the measurements that are not used in many of its frames, unless a known mistake
+    may explain that.
 
     counts : `Overview.unused`.
     """
@@ -35,7 +36,7 @@ def with_unused(found: RecordingVerdict, counts: Mapping[str, int], frames: int)
 
 
 def _unused_witnesses(counts: Mapping[str, int], frames: int) -> list[Diagnosis]:
-    """Witnesses that contradict the rest of their frame, and are not used, in too many frames."""
+    """Findings on measurements that contradict the rest of their frame, and are not used, in too many frames."""
     settings, found = RecordingSettings(), list[Diagnosis]()
     for unused, whole, what, remedy in (
         (
@@ -59,7 +60,7 @@ def _unused_witnesses(counts: Mapping[str, int], frames: int) -> list[Diagnosis]
 
 @dataclass(eq=False)
 class RunningVerdict:
-    """Frames of a recording in, as they come; what is wrong with it, worked out in a thread of its own.
+    """The verdict on a recording from its frames as they come, computed in a thread of its own.
 
     waits : whether frames wait for that, as those of a recording that lies on the disk may: the rows are then the same
         whenever it is done.
@@ -75,7 +76,7 @@ class RunningVerdict:
         self._coming: Future[RecordingVerdict] | None = None
 
     def push(self, measured: Measured, contact: Contact) -> None:
-        """Take the next frame, and the verdict on those before it where that is ready."""
+        """Add the next frame; returns the verdict on those before it once that is ready."""
         self._watch.push(measured, contact)
         if self._coming is None and self._watch.count >= self._next:
             self._next = 2 * self._watch.count
@@ -94,7 +95,7 @@ class RunningVerdict:
 
     @property
     def count(self) -> int:
-        """Of frames so far."""
+        """Number of frames so far."""
         return self._watch.count
 
     def _begin(self) -> None:

@@ -1,4 +1,4 @@
-"""How well a rig and readings, as reported or as a hypothesis has them, explain some frames of a recording together."""
+"""Evidence of some frames of a recording together for a rig and readings, as reported or as a hypothesis has them."""
 
 from __future__ import annotations
 
@@ -54,20 +54,20 @@ class Recorded:
         return len(self.order)
 
     def with_readings(self, **columns: np.ndarray) -> Recorded:
-        """With other columns of the batch."""
+        """The frames with changed columns of the batch."""
         return replace(self, batch=replace(self.batch, **columns))
 
     def without_moments(self) -> Recorded:
-        """With no reading of the moment sensors."""
+        """The frames without the moment sensors' readings."""
         return self.with_readings(readings_Nm=np.full_like(self.batch.readings_Nm, np.nan))
 
     def with_rig(self, rig: Rig, first: int = 0) -> Recorded:
-        """With another rig, from a frame on."""
+        """The frames with another rig from one frame on."""
         return replace(self, later=(first, rig)) if first else replace(self, rig=rig)
 
     @property
     def parts(self) -> list[tuple[np.ndarray, Rig]]:
-        """Indices of the frames that have the same rig, and that rig."""
+        """Indices of the frames with the same rig, and that rig."""
         every = np.arange(len(self))
         if self.later is None:
             return [(every, self.rig)]
@@ -77,7 +77,7 @@ class Recorded:
 
     @cached_property
     def fit(self) -> _Fitted:
-        """The frames, each fitted by itself, and what all of them say of the rig."""
+        """The frames' independent fits, with their information on the rig."""
         return _Fitted(self)
 
 
@@ -107,23 +107,23 @@ class _Fitted:
 
     @property
     def steps(self) -> int:
-        """R, the number of the rig's axes."""
+        """Number R of the rig's axes."""
         return self.parts[0][1].rig_arrays.axes.shape[1]
 
     @property
     def free(self) -> np.ndarray:
-        """(F,) bool, frames that the free antenna explains as well as a contact."""
+        """(F,) mask of the frames that the free antenna explains as well as a contact."""
         return np.asarray(self.alone <= self.touched)
 
     @property
     def cost(self) -> np.ndarray:
-        """(F,) of each frame by itself; infinite where nothing explains it."""
+        """(F,) cost of each frame alone; infinite where nothing explains it."""
         return np.minimum(self.alone, self.touched)
 
     @cached_property
     def moments(self) -> tuple[np.ndarray, np.ndarray]:
-        """(F,) moments about y that a sensor would read, and their standard deviations without its noise: of frames
-        that were fitted without one. Infinite where the picture leaves a mirror image."""
+        """(F,) predicted moments about y, and their standard deviations without the sensor's noise, for frames that
+        were fitted without it. Infinite where the picture allows a mirror image."""
         expected, own = np.full((2, len(self.recorded)), np.inf)
         for rows, frames in self.parts:
             expected[rows], own[rows] = self._moments(rows, frames)
@@ -145,8 +145,9 @@ class _Fitted:
         return -std * found.residual[:, 0] / weak, np.where(sound, std * np.sqrt(np.maximum(variance, 0.0)), np.inf)
 
     def shared(self, more: np.ndarray, as_free: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """(F, S, S) information and (F, S) score of each frame about the rig's R axes and `more` (17 + P, Q) ones,
-        without prior; the frame's own unknowns eliminated. as_free : (F,) which frames count as free."""
+        """(F, S, S) information and (F, S) score of each frame on the rig's R axes and `more` (17 + P, Q) ones,
+        without priors, with the frame's own unknowns eliminated. as_free : (F,) mask of the frames that count as
+        free."""
         free, count = self.free if as_free is None else as_free, self.steps + more.shape[1]
         information, score = np.zeros((len(free), count, count)), np.zeros((len(free), count))
         for part, frames in self.parts:
@@ -159,7 +160,7 @@ class _Fitted:
         return information, score
 
     def _about_rig(self, rows: np.ndarray, frames: Frames, touched: bool) -> tuple[np.ndarray, np.ndarray]:
-        """As `shared`, of some frames that are all free, or all touched."""
+        """`shared` for some frames that are all free, or all touched."""
         count = frames.rig_arrays.axes.shape[1]
         if touched:
             found = linearised(frames, RUNGS[-1], self.numbers.unknowns[rows])
@@ -180,7 +181,7 @@ class _Fitted:
 def _eliminated(
     whole: np.ndarray, side: np.ndarray, kept: np.ndarray, own: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Normal equations (B, K, K), (B, K) of the unknowns `kept`, the others eliminated."""
+    """Normal equations (B, K, K), (B, K) of the unknowns `kept`, with the others eliminated."""
     if not len(own):
         return whole[:, kept[:, None], kept], side[:, kept]
     diagonal = np.einsum("bii->bi", whole)[:, own]
@@ -198,7 +199,7 @@ def _eliminated(
 
 @dataclass(frozen=True, eq=False)
 class _Weighed:
-    """What explains frames together, with one rig.
+    """The joint explanation of frames with one rig.
 
     Attributes
     ----------
@@ -214,11 +215,11 @@ class _Weighed:
 
     @property
     def cost(self) -> float:
-        """Of all frames and the rig's steps."""
+        """Cost of all frames and of the rig's steps."""
         return float(self.costs.sum() + 0.5 * self.steps @ self.steps)
 
     def about_others(self, first: int = 0) -> tuple[np.ndarray, np.ndarray]:
-        """Information (Q, Q) and score (Q,) about the axes that were asked for, the rig's own eliminated.
+        """Information (Q, Q) and score (Q,) on the additional axes, with the rig's own eliminated.
 
         first : frame from which on the rig has changed along them.
         """
@@ -238,7 +239,7 @@ def weighed(
     as_free: np.ndarray | None = None,
     log_density: float | np.ndarray = 0.0,
 ) -> _Weighed:
-    """The frames together, robustly. best, scale : (F,) least cost of each frame, and what its noise multiplies it by.
+    """The frames' joint explanation, robustly. best, scale : (F,) least cost of each frame, and its noise scale.
 
     more : (18 + P, Q) further axes about which information is wanted. as_free : as `_Fitted.shared`. log_density : of a
     frame's readings in the reported unit over that in their own; a frame that nothing explains has none.
@@ -278,7 +279,7 @@ def weighed(
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """Recorded frames as reported, and what any explanation of them is compared with.
+    """Recorded frames as reported, with which any explanation of them is compared.
 
     best, scale : (F,) least cost of each frame, with a rig that may have changed in everything and without its moment;
         and by how much its points scatter more than their standard deviations say, squared.
@@ -323,22 +324,24 @@ class Case:
 
     @property
     def frees(self) -> list[np.ndarray]:
-        """(F,) bool each, frames that may be free on a changed rig: those of `free`, and, where many are lost, all."""
+        """Alternative masks (F,) of the frames that may be free on a changed rig: those of `free`, and, where many
+        are unexplained, all."""
         return [self.free, np.ones_like(self.free)] if self.many_lost and not self.free.all() else [self.free]
 
     @cached_property
     def as_free(self) -> list[_Weighed]:
-        """With the free antenna in each of `frees`: what most of them share stands out, however far from the rig."""
+        """The joint explanation with the free antenna in each of `frees`, in which a common change stands out at any
+        distance from the rig."""
         return [weighed(self.recorded.fit, self.best, self.scale, self.axes, free) for free in self.frees]
 
     @property
     def sound(self) -> bool:
-        """Whether the frames' common cost is as small as if all were as reported."""
+        """Whether the frames' common cost is as small as if everything were as reported."""
         return self.cost < self.settings.sound_cost * len(self.recorded)
 
     @property
     def usual(self) -> bool:
-        """Whether the frames cost as little as most recordings' in which all is as reported."""
+        """Whether the frames' cost is that of most recordings in which everything is as reported."""
         return self.cost < self.settings.usual * len(self.recorded)
 
     @cached_property
@@ -349,7 +352,8 @@ class Case:
 
     @property
     def splits(self) -> list[int]:
-        """Frames from which on the rig may have changed: from the first on, or where frames cease to be explained."""
+        """Frames from which on the rig may have changed: the first one, and those at which frames cease to be
+        explained."""
         count, settings = len(self.recorded), self.settings
         if not self.many_lost:
             return [0, *np.unique(np.linspace(0, count, settings.splits + 2)[1:-1].astype(int)).tolist()]
@@ -359,16 +363,16 @@ class Case:
 
     @property
     def many_lost(self) -> bool:
-        """Whether nothing explains more frames than chance and a second contact do."""
+        """Whether more frames are unexplained than chance and second contacts account for."""
         return float(np.mean(self.lost)) > self.settings.lost
 
     @property
     def lost(self) -> np.ndarray:
-        """(F,) bool, frames that nothing explains."""
+        """(F,) mask of the frames that nothing explains."""
         return np.asarray(self.reported.costs > 0.9 * self.settings.most)
 
     def gained(self, columns: np.ndarray, first: int = 0) -> Iterator[float]:
-        """Log evidence, to first order, of a change along some of the axes from a frame on; where the frames cost more
+        """First-order log evidence of a change along some of the axes from a frame on; where the frames cost more
         than usual, also of what most frames share."""
         for together in (self.reported,) if self.usual else (self.reported, *self.as_free):
             information, score = together.about_others(first)
@@ -378,9 +382,9 @@ class Case:
 
     @property
     def cost(self) -> float:
-        """Of all as reported."""
+        """The cost with everything as reported."""
         return self.reported.cost
 
     def cost_of(self, other: Recorded, log_density: float | np.ndarray = 0.0) -> float:
-        """Of the same frames with other readings, or another rig."""
+        """The cost of the same frames with other readings, or another rig."""
         return weighed(other.fit, self.best, self.scale, log_density=log_density).cost

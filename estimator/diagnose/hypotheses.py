@@ -21,7 +21,7 @@ from .settings import RecordingSettings
 
 
 class _ReadingMistake(NamedTuple):
-    """A row of the table of mistakes: readings or pictures that are not what they are reported to be.
+    """A row of the table of mistakes: readings or pictures that are not as reported.
 
     correct : of recorded frames, those with the mistake put right; None where it cannot have happened.
     log_density : by which a correct reading's density in the reported unit exceeds that in its own, per frame.
@@ -36,12 +36,12 @@ class _ReadingMistake(NamedTuple):
 
     @property
     def of_moment(self) -> bool:
-        """Whether it is about the moment."""
+        """Whether the mistake concerns the moment."""
         return self.name.startswith("moment_")
 
     @property
     def of_pictures(self) -> bool:
-        """Whether it is about the pictures, not about readings."""
+        """Whether the mistake concerns the pictures, not readings."""
         return self.name.startswith("picture_") or self.name == "points_exchanged"
 
 
@@ -53,7 +53,7 @@ def _moments(change: Callable[[np.ndarray], np.ndarray], recorded: Recorded) -> 
 
 
 def _axis(sign: float, recorded: Recorded) -> Recorded | None:
-    """The moment is about z."""
+    """Hypothesis of a moment about z."""
     rig, readings = recorded.rig, recorded.batch.readings_Nm
     if rig.wrench_sensor is not None or not np.isfinite(readings[:, 0]).any():
         return None
@@ -67,7 +67,7 @@ def _axis(sign: float, recorded: Recorded) -> Recorded | None:
 
 
 def _absolute(recorded: Recorded) -> Recorded | None:
-    """The moment's sign is lost: the one that fits each frame better."""
+    """Hypothesis of a lost sign of the moment: the one that fits each frame better."""
     readings = recorded.batch.readings_Nm
     one_sided = readings[:, 0][np.isfinite(readings[:, 0])]
     if len(one_sided) < 3 or (one_sided.min() < 0.0 < one_sided.max()):
@@ -79,7 +79,7 @@ def _absolute(recorded: Recorded) -> Recorded | None:
 
 
 def _channels(first: int, second: int, sign: float, recorded: Recorded) -> Recorded | None:
-    """Two channels of a sensor of several axes exchanged, or one with its sign turned round."""
+    """Hypothesis of two exchanged channels of a sensor of several axes, or of one with its sign reversed."""
     readings = recorded.batch.readings_Nm.copy()
     if recorded.rig.wrench_sensor is None or not np.isfinite(readings[:, [first, second]]).any(axis=0).all():
         return None
@@ -113,7 +113,7 @@ def _frozen(recorded: Recorded) -> Recorded | None:
 
 
 def _neighbour(row: int, which: tuple[str, ...], recorded: Recorded) -> Recorded | None:
-    """Readings of the row before (0) or after (1)."""
+    """Hypothesis of readings of the previous row (0) or the next one (1)."""
     batch, around = recorded.batch, recorded.around[:, row]
     columns = {}
     if "moments" in which:
@@ -133,7 +133,7 @@ def _neighbour(row: int, which: tuple[str, ...], recorded: Recorded) -> Recorded
 
 
 def _lagged(part: float, recorded: Recorded) -> Recorded | None:
-    """Readings of a part of a row later, by straight lines between the rows'."""
+    """Hypothesis of readings that are late by a fraction of a row, interpolated linearly between rows."""
     batch, around = recorded.batch, recorded.around[:, _AFTER if part > 0.0 else _BEFORE]
     now = np.column_stack([batch.readings_Nm, batch.pan_rad, batch.tilt_rad])
     there = now + abs(part) * (around - now)
@@ -142,12 +142,12 @@ def _lagged(part: float, recorded: Recorded) -> Recorded | None:
 
 
 def _tilted(angle_rad: float, recorded: Recorded) -> Recorded | None:
-    """The tilt read as larger."""
+    """Hypothesis of a constant error of the tilt."""
     return recorded.with_readings(tilt_rad=recorded.batch.tilt_rad + angle_rad)
 
 
 def _points(change: Callable[[np.ndarray, np.ndarray], np.ndarray], recorded: Recorded) -> Recorded | None:
-    """With pixels (..., 2) changed, in a picture of some size (2,)."""
+    """Hypothesis of changed pixels (..., 2), in a picture of a size (2,)."""
     batch, size = recorded.batch, np.array(recorded.rig.camera.image_size, float)
     tip = batch.tip_px.copy()
     tip[:, :2] = change(tip[:, :2], size)
@@ -155,7 +155,7 @@ def _points(change: Callable[[np.ndarray, np.ndarray], np.ndarray], recorded: Re
 
 
 def _rectified(recorded: Recorded) -> Recorded | None:
-    """The pictures' distortion was taken out before."""
+    """Hypothesis of pictures from which the distortion was removed before."""
     camera = recorded.rig.camera
     focal, centre = np.diag(camera.matrix)[:2], camera.matrix[:2, 2]
 
@@ -341,7 +341,8 @@ READINGS = (
 
 
 def _explanations(case: Case) -> Iterator[Explanation[Case]]:
-    """What else may explain a recording: other readings or pictures, or a rig that has changed before or during it."""
+    """Alternative explanations of a recording: other readings or pictures, or a rig that has changed before or
+    during it."""
     found = [*_moments_explained(case), *_others_explained(case), *_shifts_explained(case)]
     yield from found
     left = case.cost - max((one.log_odds for one in found), default=0.0)
@@ -350,8 +351,8 @@ def _explanations(case: Case) -> Iterator[Explanation[Case]]:
 
 
 def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
-    """Moments that say nothing of the antenna, or something else than they are reported to: ranked by some of the
-    frames, or, where all is well, by what the pictures alone say of them."""
+    """Explanations by moments that do not follow the antenna, or are not as reported: ranked by some of the frames
+    or, where all is well, by the moments that the pictures alone predict."""
     recorded, std = case.recorded, case.recorded.rig.moment_sensor.std_Nm
     read = recorded.batch.readings_Nm[:, 0]
     there = np.isfinite(read)
@@ -378,7 +379,7 @@ def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
     known = own < RecordingSettings.knows * float(np.ptp(read[there]))
 
     def cost(moments: np.ndarray) -> float:
-        """By the pictures' moments alone."""
+        """Cost of moments by the pictures' predictions alone."""
         variance = std**2 + own**2
         off = np.where(np.isfinite(variance), (moments - expected) ** 2 / variance, 0.0)
         return float(np.minimum(0.5 * off[there], case.settings.most).sum())
@@ -403,7 +404,8 @@ def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
 
 
 def _drifting(recorded: Recorded, off: np.ndarray, std: np.ndarray) -> tuple[_ReadingMistake, Recorded] | None:
-    """The moments' zero walks, by the line through how far they lie off (F,) what the pictures say."""
+    """Hypothesis of a drifting zero of the moments, by the line through their differences (F,) from the pictures'
+    predictions."""
     weights = np.where(np.isfinite(off) & np.isfinite(std), 1.0 / std, 0.0)
     if (weights > 0.0).sum() < RecordingSettings.fewest_moments or not np.ptp(recorded.order):
         return None
@@ -429,7 +431,7 @@ def _drifting(recorded: Recorded, off: np.ndarray, std: np.ndarray) -> tuple[_Re
 
 
 def _others_explained(case: Case) -> Iterator[Explanation[Case]]:
-    """Joints and pictures that are not what they are reported to be: compared by few frames first."""
+    """Explanations by joints and pictures that are not as reported, compared by few frames first."""
     likely = []
     for row, gained in _tried(case):
         of_shift = row.name == "joint_offset" and not case.usual  # its value is sought
@@ -439,7 +441,7 @@ def _others_explained(case: Case) -> Iterator[Explanation[Case]]:
 
 
 def _shifts_explained(case: Case) -> Iterator[Explanation[Case]]:
-    """A clock or an encoder that is off by a constant, where the frames cost more than usual."""
+    """Explanations by a constant offset of a clock or an encoder, where the frames cost more than usual."""
     settings, period_s = RecordingSettings(), case.recorded.period_s
     if case.usual:
         return
@@ -460,8 +462,8 @@ def _shifts_explained(case: Case) -> Iterator[Explanation[Case]]:
 def _least_cost(
     case: Case, changed: Callable[[float, Recorded], Recorded | None], step: float, most: float
 ) -> tuple[float, float, float]:
-    """Value of a change at which the frames cost least, its standard deviation, and how much less than without, less
-    what its prior (a standard deviation of one step) and its width cost: by parabolas."""
+    """Value of a change at which the frames cost least, its standard deviation, and the decrease of the cost less
+    those of its prior (a standard deviation of one step) and its width: by parabolas."""
 
     def cost(value: float) -> float:
         corrected = changed(value, case.recorded)
@@ -485,7 +487,7 @@ def _least_cost(
 
 @lru_cache(maxsize=1)
 def _tried(case: Case) -> list[tuple[_ReadingMistake, float]]:
-    """Rows about joints and pictures that the least bent frames could tell, and what these gain by each."""
+    """Rows about joints and pictures that the least bent frames could distinguish, and the gains by each."""
     few, calm, found = case.picked(_least_bent(case)), case.sound and not case.changed, []
     for row in READINGS:
         if row.of_moment or (row.of_pictures and calm):
@@ -497,7 +499,8 @@ def _tried(case: Case) -> list[tuple[_ReadingMistake, float]]:
 
 
 def unseen_joints(case: Case) -> list[str]:
-    """What could be wrong with the joint angles and would not show: rows that fit about as well, or look the same."""
+    """Possible mistakes of the joint angles that the recording cannot reveal: rows that fit about as well, or look
+    the same."""
     gained, few = dict(_tried(case)), case.recorded.picked(_least_bent(case))
     names = ("tilt_sign", "joints_exchanged", "joints_late", "joint_offset")
     joints = [row for row in READINGS if row.name in names and row.correct(few) is not None]
@@ -509,7 +512,7 @@ def unseen_joints(case: Case) -> list[str]:
 
 
 def _least_bent(case: Case) -> np.ndarray:
-    """Indices of the frames that may show the free antenna."""
+    """Indices of the frames that may contain the free antenna."""
     evidence = case.recorded.fit.numbers.evidence
     bent = np.argsort(np.where(np.isfinite(evidence), evidence, np.inf))
     return np.sort(bent[: RecordingSettings.screened])
@@ -518,7 +521,8 @@ def _least_bent(case: Case) -> np.ndarray:
 def _compared(
     case: Case, likely: list[tuple[float, _ReadingMistake, Recorded]], known: np.ndarray | None = None
 ) -> Iterator[Explanation[Case]]:
-    """The likeliest of some rows, by all frames. known : (F,) frames of which a reading's density counts."""
+    """The likeliest of some rows, by all frames. known : (F,) mask of the frames in which a reading's density
+    counts."""
     counts = np.ones(len(case.recorded)) if known is None else known
     ranked = sorted(likely, key=lambda each: -each[0])
     unranked = sum(np.isinf(gained) for gained, *_ in ranked)
@@ -529,7 +533,7 @@ def _compared(
 
 
 def _differs(corrected: Recorded, recorded: Recorded) -> bool:
-    """Whether anything is different that could be seen."""
+    """Whether any visible quantity is different."""
     a, b, noise = corrected.batch, recorded.batch, recorded.rig.moment_sensor.std_Nm
     return bool(
         corrected.rig is not recorded.rig
@@ -541,7 +545,7 @@ def _differs(corrected: Recorded, recorded: Recorded) -> bool:
 
 
 def _sag_differs(corrected: Recorded, recorded: Recorded) -> bool:
-    """Whether other joint angles make the antenna sag otherwise by more than a part of the points' scatter, or of the
+    """Whether other joint angles change the antenna's sag by more than a part of the points' scatter, or of the
     moment's noise."""
     rig, batch = recorded.rig, recorded.batch
     pull = [
@@ -561,7 +565,7 @@ def _sag_differs(corrected: Recorded, recorded: Recorded) -> bool:
 
 
 def _changes(case: Case) -> Iterator[Explanation[Case]]:
-    """A rig that has changed since its calibration, or from some frame of the recording on."""
+    """Explanations by a rig that has changed since its calibration, or from some frame of the recording on."""
     settings = RecordingSettings()
     axes, which = axes_of(case.recorded.rig, CHANGES)
     batch = case.recorded.batch

@@ -1,4 +1,4 @@
-"""A rig in use: frames in as they come, an alarm as soon as they show that it is not as it was calibrated."""
+"""Monitoring of a rig in use: frames as they come, an alarm once they indicate a change since the calibration."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .watch import RecordingVerdict, RecordingWatch
 
 @dataclass(frozen=True)
 class _WatchSettings:
-    """Which frames are judged together, how often, and what is an alarm."""
+    """Which frames are judged together, how often, and from which odds there is an alarm."""
 
     without_contact: int = 40  # last frames without a contact
     with_contact: int = 20  # last frames with one
@@ -31,8 +31,8 @@ class _WatchSettings:
 
 @dataclass(eq=False)
 class RigWatch:
-    """Frames of a rig in use, judged in a thread of its own: a camera that was knocked or refocused, a clamp that gave
-    way, a bent or exchanged antenna, a sensor with another zero or gain, or a dead one.
+    """Judges the frames of a rig in use in a thread of its own: a camera that was knocked or refocused, a clamp that
+    gave way, a bent or exchanged antenna, a sensor with another zero or gain, or a dead one.
 
     The last frames are judged together by the hypotheses that a recording's verdict compares (`RecordingWatch`). A part
     of the rig (camera, antenna, sensor) is named once, until a later judgement is without it.
@@ -63,7 +63,7 @@ class RigWatch:
         self._coming: Future[tuple[RecordingVerdict, float]] | None = None
 
     def push(self, measured: Measured, contact: Contact) -> list[Diagnosis]:
-        """Take the next frame. Returns what the frames so far show to have changed and was not named before."""
+        """Add the next frame. Returns the changes found in the frames so far and not reported before."""
         self._kept[contact.status in LOCATED].append((self.count, measured, contact))
         self.count += 1
         if self._coming is None and self.count >= self._next and time.monotonic() >= self._rests_until_s:
@@ -78,12 +78,12 @@ class RigWatch:
         return self._news(found)
 
     def close(self) -> None:
-        """Wait for the judgement that is under way."""
+        """Wait for the judgement in progress."""
         if self._thread is not None:
             self._thread.shutdown()
 
     def _judged(self, frames: list[tuple[int, Measured, Contact]]) -> tuple[RecordingVerdict, float]:
-        """The verdict on some frames, and how long it took, s."""
+        """The verdict on some frames, and the time that it took, s."""
         begin_s, watch = time.monotonic(), RecordingWatch(self.rig)
         for _, measured, contact in frames:
             watch.push(measured, contact)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class RecordingSettings:
-    """How frames of a recording are weighed as witnesses, what is compared, and what is reported.
+    """Weights of a recording's frames as witnesses, and thresholds of comparison and report.
 
     Costs are halves of squares: a difference is the logarithm of a ratio of odds.
     """

@@ -1,4 +1,4 @@
-"""A recording's frames in, in order; out comes what is wrong with it, and which rows that concerns."""
+"""The verdict on a recording from its frames in order: what is wrong with it, and which rows that concerns."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from .settings import RecordingSettings
 
 @dataclass(frozen=True)
 class RecordingVerdict:
-    """What is wrong with a recording.
+    """Diagnoses of a recording, with the rows that they concern.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class RecordingVerdict:
 
     @property
     def concerns_any(self) -> bool:
-        """Whether it concerns any row."""
+        """Whether a diagnosis concerns any row."""
         return self.first is not None or bool(self.rows)
 
     def concerns(self, row: int) -> bool:
@@ -63,7 +63,7 @@ smoothly: its antenna (K,), that mean (K,), and how far off it is, px."""
 
 @dataclass(eq=False)
 class RecordingWatch:
-    """Frames of a recording in, in order, in constant memory but for the numbers of single wrong rows."""
+    """Collects frames of a recording, in order and in constant memory except for the numbers of single wrong rows."""
 
     rig: Rig
     settings: RecordingSettings = field(default_factory=RecordingSettings)
@@ -88,7 +88,7 @@ class RecordingWatch:
         self._jumps: list[_Jump] = []
 
     def push(self, measured: Measured, contact: Contact | None = None) -> None:
-        """Take the next row."""
+        """Add the next row."""
         now, before = _readings(measured), self._before
         for kept in (self._first, self._spread):
             if kept and kept[-1][0] == self.count - 1:
@@ -115,7 +115,7 @@ class RecordingWatch:
         self._before, self._read, self.count = measured, now, self.count + 1
 
     def _compare(self) -> None:
-        """Search the rows that wait for jumps."""
+        """Search the pending rows for jumps."""
         if len(self._jumps) < self.settings.most_jumps:
             found = _jumps(self._axis, self._pictures, self.rig.moment_sensor.std_Nm)
             self._jumps += found[: self.settings.most_jumps - len(self._jumps)]
@@ -138,17 +138,17 @@ class RecordingWatch:
             self._at.setdefault(moment_Nm, []).append(self.count)
 
     def _moved(self, measured: Measured, before: Measured) -> bool:
-        """Whether readings say that the antenna has moved."""
+        """Whether the antenna has moved by the readings."""
         off = np.abs(_readings(measured) - _readings(before))
         noise = 6.0 * self.rig.moment_sensor.std_Nm
         return bool(np.nanmax(off[:2], initial=0.0) > noise or off[2:].max() > 1e-3)
 
     def snapshot(self) -> RecordingWatch:
-        """The same as it is now: what is pushed from here on is not in it."""
+        """A copy of the present state, which later rows do not change."""
         return deepcopy(self, {id(self.rig): self.rig})
 
     def recorded(self) -> Recorded:
-        """The witnesses."""
+        """The frames kept as witnesses."""
         chosen = np.unique(np.linspace(0, len(self._spread) - 1, self.settings.spread).astype(int))
         kept = [*self._first, *(self._spread[index] for index in chosen if self._spread)]
         batch = Batch.of(self.rig, [measured for _, measured, _ in kept])
@@ -161,7 +161,7 @@ class RecordingWatch:
         return found.picked(np.flatnonzero(seen >= self.settings.fewest_points))
 
     def verdict(self) -> RecordingVerdict:
-        """What is wrong, by all rows so far."""
+        """The verdict from all rows so far."""
         exchanged = self._exchanged()
         elsewhere = [*self._repeated, *exchanged]  # rows with pictures that are not theirs
         found, rows, first, log_odds = self._of_series(exchanged), list(elsewhere), None, 0.0
@@ -206,13 +206,13 @@ class RecordingWatch:
         return found, recorded.with_readings(readings_Nm=read)
 
     def _beyond(self, some: Recorded, value: float, largest: bool) -> bool:
-        """Whether pictures of some frames ask for a moment beyond one."""
+        """Whether pictures of some frames require a moment beyond `largest`."""
         expected, std = some.without_moments().fit.moments
         off = (expected - value) * (1.0 if largest else -1.0) / np.hypot(std, self.rig.moment_sensor.std_Nm)
         return bool((off[np.isfinite(std)] > self.settings.beyond_std).any())
 
     def _of_series(self, exchanged: Sequence[int]) -> list[Diagnosis]:
-        """What the series of readings, times and pictures alone show; `exchanged` as from `_exchanged`."""
+        """Diagnoses from the series of readings, times and pictures alone; `exchanged` as from `_exchanged`."""
         found = []
         if len(self._repeated) >= self.settings.repeated:
             count, start = len(self._repeated), self._repeated[0]
@@ -242,7 +242,7 @@ class RecordingWatch:
         return float(np.median(self._apart_s)) if self._apart_s else math.nan
 
     def _exchanged(self) -> list[int]:
-        """Rows with pictures that belong to each other's readings, in pairs."""
+        """Pairs of rows with exchanged pictures."""
         self._compare()
         seldom = len(self._jumps) <= max(self.settings.seldom * self.count, 2)
         return [row for pair in _exchanged(self._jumps) for row in pair] if seldom else []
@@ -264,7 +264,7 @@ class RecordingWatch:
         return tuple(value for value in self._limits if varies and len(self._at.get(value, ())) >= enough)
 
     def _scatter(self, case: Case, causes: Sequence[Diagnosis]) -> list[Diagnosis]:
-        """Standard deviations that are too small, and shapes that are not this antenna's."""
+        """Diagnoses of standard deviations that are too small, and of shapes that are not this antenna's."""
         kept = [measured for _, measured, _ in (*self._first, *self._spread)]
         some = kept[:: max(len(kept) // self.settings.scatter, 1)]
         lines = [each.points_px for each in some], [each.sigma_px for each in some]
@@ -286,7 +286,7 @@ class RecordingWatch:
         return found
 
     def _unexplained(self, case: Case) -> Diagnosis | None:
-        """Frames that nothing in the table explains."""
+        """Diagnosis of frames that nothing in the table explains."""
         lost = case.lost
         (first, *_), least = case.splits, self.settings.fewest // 2
         later = lost.sum() >= least and lost[first:].mean() > self.settings.contradicting
@@ -307,7 +307,7 @@ class RecordingWatch:
 
 
 def _untested(case: Case) -> list[Diagnosis]:
-    """What the recording cannot show to be wrong."""
+    """Mistakes that the recording cannot reveal, in words."""
     recorded, found = case.recorded, []
     if not recorded.fit.free.any():
         words = "no frame shows the free antenna: a rig that has changed a little goes unnoticed"
@@ -337,14 +337,15 @@ def _same_picture(measured: Measured, before: Measured) -> bool:
 
 
 def _image_of_axis(rig: Rig) -> tuple[np.ndarray, np.ndarray]:
-    """Images of the antenna's clamp (2,), and of its tip (2,) were it straight."""
+    """Image points (2,) of the antenna's clamp and, if it were straight, of its tip."""
     ends = np.array([[0.0, 0.0, 0.0], [rig.antenna.length_m, 0.0, 0.0]])
     clamp, tip = rig.camera.project(rig.T_antenna_camera.inverse() @ ends)[0]
     return clamp, tip
 
 
 def _lateral_px(clamp: np.ndarray, tip: np.ndarray, lines_px: Sequence[np.ndarray]) -> np.ndarray:
-    """(B, K) distances of lines' points (N, 2) from the straight one from clamp to tip, at places along that."""
+    """(B, K) lateral distances of lines' points (N, 2) from the straight one from clamp to tip, at places along
+    that."""
     settings, length = RecordingSettings(), math.hypot(*(tip - clamp))
     found = np.full((len(lines_px), settings.places), np.nan)
     if not length > 0.0:
@@ -362,7 +363,7 @@ def _lateral_px(clamp: np.ndarray, tip: np.ndarray, lines_px: Sequence[np.ndarra
 
 
 def _jumps(axis: tuple[np.ndarray, np.ndarray], rows: Sequence[_Pictured], moment_std_Nm: float) -> list[_Jump]:
-    """Those of rows in order but the first and the last; the sensor's noise is what readings may scatter by."""
+    """Jumps in ordered rows, except the first and the last; moment_std_Nm : the sensor's noise."""
     settings, (number, lines_px, sigma_px, read) = RecordingSettings(), zip(*rows, strict=True)
     if len(rows) < 3:
         return []
@@ -379,7 +380,7 @@ def _jumps(axis: tuple[np.ndarray, np.ndarray], rows: Sequence[_Pictured], momen
 
 
 def _exchanged(jumps: Sequence[_Jump]) -> list[tuple[int, int]]:
-    """Pairs of rows with pictures that fit between each other's neighbours, each row once, in the best pair."""
+    """Pairs of rows with pictures that fit between each other's neighbours, each row once, in its best pair."""
     pairs = []
     for (row, here, around, size), (other_row, there, other_around, other_size) in combinations(jumps, 2):
         left = float(max(_unlike(here, other_around), _unlike(there, around)))
@@ -392,7 +393,7 @@ def _exchanged(jumps: Sequence[_Jump]) -> list[tuple[int, int]]:
 
 
 def _unlike(one_px: np.ndarray, other_px: np.ndarray) -> np.ndarray:
-    """(...) rms distance of lines (..., K) where both are seen; NaN where that is hardly anywhere."""
+    """(...) rms distance of lines (..., K) where both are visible; NaN where that is hardly anywhere."""
     square = (one_px - other_px) ** 2
     seen = np.isfinite(square)
     count = seen.sum(axis=-1)
@@ -401,7 +402,7 @@ def _unlike(one_px: np.ndarray, other_px: np.ndarray) -> np.ndarray:
 
 
 def recording_verdict(rig: Rig, several: Sequence[Measured], contacts: Sequence[Contact]) -> Verdict:
-    """What is wrong with a recording that was estimated."""
+    """The verdict on a recording that was estimated."""
     watch = RecordingWatch(rig)
     for measured, contact in zip(several, contacts, strict=True):
         watch.push(measured, contact)

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """A recording of B frames as one."""
+    """Result of refining a recording of B frames."""
 
     contacts: ContactTable  # with refined numbers; their shared deviations are what is left of rig and friction
     framewise: ContactTable  # the table as it came
@@ -52,7 +52,7 @@ class Refined:
 
     @property
     def friction(self) -> Friction | None:
-        """The object's."""
+        """The object's friction."""
         return None if self.object is None else self.object.friction
 
     def summary(self) -> dict[str, Any]:
@@ -82,7 +82,7 @@ class Refined:
 
 
 def _pair(before: np.ndarray, after: np.ndarray) -> dict[str, float | None]:
-    """Root mean squares."""
+    """Root mean squares before and after."""
     values = (float(np.sqrt(np.mean(each**2))) if len(each) else np.nan for each in (before, after))
     return dict(zip(("framewise", "refined"), map(finite_or_none, values), strict=True))
 
@@ -94,7 +94,7 @@ def refine(
     recording: Sequence[Measured],
     known: KnownObject | None = None,
 ) -> Refined:
-    """One maximum a posteriori problem over all frames of a recording.
+    """Solve one maximum a posteriori problem over all frames of a recording.
 
     contacts : of `vbaa estimate` with this rig. recording : what was measured in each of its B frames, in order.
     rig : as calibrated, with the drift that may have come since; with several cameras, `recording` has what each saw.
@@ -149,8 +149,8 @@ def refine(
 def _with_coulomb(
     problem: RecordingProblem, found: Solution, prior: FrictionPrior, strokes: np.ndarray
 ) -> tuple[RecordingProblem, Solution, list[str]]:
-    """Solved again with the friction angles by Coulomb's law, but in frames that contradict it, and notes; where many
-    do, all stays."""
+    """The recording solved again with friction angles by Coulomb's law, except in frames that contradict it, and
+    notes; unchanged where many do."""
     again = replace(problem, friction=prior)
     second = solved(again, found.state, strokes)
     angle = again.friction_rad * second.state.unknowns[:, 3]
@@ -220,7 +220,7 @@ def _begun(
     rows: np.ndarray,
     known: KnownObject | None,
 ) -> tuple[RecordingProblem, State]:
-    """The problem, and where it begins: at the contacts as they are, the rig as calibrated."""
+    """The problem and its initial state: the contacts as estimated, the rig as calibrated."""
     arrays = RigArrays.from_rig(rig, FRICTION_RAD)
     pictures = (pictures_of(contacts, rows, recording, arrays, rig),)
     at = contacts.picked(rows)
@@ -239,13 +239,13 @@ def _begun(
 
 
 def _strokes(contacts: ContactTable, rows: np.ndarray) -> np.ndarray:
-    """(P,) number of the stroke that each of these rows belongs to."""
+    """(P,) index of the stroke to which each of these rows belongs."""
     late = np.diff(contacts.time_s[rows]) > RefineSettings.gap_s
     return np.concatenate([[0], np.cumsum((np.diff(rows) > RefineSettings.gap_frames) | late)])
 
 
 def _refusal(found: Solution, known: bool) -> str:
-    """Why the recording cannot be taken as one, or ""."""
+    """The reason why the recording cannot be refined; "" if it can."""
     if not found.converged or not np.isfinite(found.state.shared).all():
         return "the frames do not come to a common solution: is it another rig?"
     foreign = float(np.mean(found.weight == 0.0))
@@ -268,26 +268,26 @@ def _object(table: ContactTable, rig: Rig) -> ObjectEstimate | None:
 def _friction_prior(
     table: ContactTable, touched: ObjectEstimate, problem: RecordingProblem, rows: np.ndarray
 ) -> FrictionPrior | None:
-    """What the object's friction says of the frames (P,), by contacts that are refined already."""
+    """Prior (P,) of the frames' friction angles by the object's friction, from contacts that are refined already."""
     whole = _by_coulomb(table, touched.track, touched.friction, _as_estimated(table, problem.friction_rad))
     return None if whole is None else whole.picked(rows)
 
 
 def _rig_of(problem: RecordingProblem, found: Solution) -> Rig:
-    """The rig with the shared steps as solved for, and its posterior covariance."""
+    """The rig with the solved shared steps and its posterior covariance."""
     axes, count = problem.axes, problem.axes.shape[1]
     covariance = axes @ found.covariance[:count, :count] @ axes.T
     return problem.rig_at(found.state.shared).with_covariance(0.5 * (covariance + covariance.T))
 
 
 def _refined_reason(reason: str) -> str:
-    """Without what no longer holds: the friction is known now."""
+    """The reason without what no longer applies: the friction is known now."""
     return "; ".join([*(each for each in reason.split("; ") if "(--friction)" not in each), "refined"])
 
 
 def _table(contacts: ContactTable, problem: RecordingProblem, found: Solution, rows: np.ndarray) -> ContactTable:
-    """The table with the refined frames' numbers. A frame's covariance is its own noise and what it shares: what is
-    left of the rig's errors, and of the friction angle, since neighbours rub alike."""
+    """The table with the refined frames' numbers. A frame's covariance is its own noise plus what it shares: the
+    remaining errors of the rig and, since neighbours rub alike, of the friction angle."""
     belongs = found.weight > 0.0
     equations, unknowns = found.equations, found.state.unknowns
     rig = problem.rig_at(found.state.shared)
@@ -365,13 +365,13 @@ def _table(contacts: ContactTable, problem: RecordingProblem, found: Solution, r
 
 
 def _as_estimated(table: ContactTable, unit_rad: float) -> FrictionPrior:
-    """What frames were estimated with, one by one."""
+    """The prior with which frames were estimated one by one."""
     known = np.where(np.isfinite(table.friction_prior_rad), table.friction_prior_rad, unit_rad)
     return FrictionPrior(np.zeros(len(table)), np.maximum(known, 1e-4))
 
 
 def _by_coulomb(table: ContactTable, track: Track, friction: Friction, before: FrictionPrior) -> FrictionPrior | None:
-    """The friction angles (B,) by the recording's coefficient; None where it has none.
+    """Prior of the friction angles (B,) by the recording's coefficient; None where it has none.
 
     All lie in the cone. Where the shape determines the object's normal, the force's direction λ about the antenna says
     how much of the cone is left along it: tan²α ≤ μ² − tan²λ, with equality where the contact slides, and along the
@@ -411,8 +411,8 @@ def _by_coulomb(table: ContactTable, track: Track, friction: Friction, before: F
 
 
 def _contradicted(prior: FrictionPrior, angle_rad: np.ndarray, std_rad: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Which frames (B,) see another angle than the law's, and whether so many do that it does not hold; angle_rad,
-    std_rad : (B,) with the prior."""
+    """(B,) mask of the frames that contradict the law's angle, and whether they are so many that it does not apply.
+    angle_rad, std_rad : (B,) posterior with the prior."""
     reduction = prior.std_rad**2 - std_rad**2
     tells = reduction > RefineSettings.informative * prior.std_rad**2
     off = np.abs(angle_rad - prior.mean_rad) / np.sqrt(np.maximum(reduction, 1e-12))

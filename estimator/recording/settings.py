@@ -1,4 +1,4 @@
-"""How a recording is estimated as one, and when it is refused."""
+"""Settings of refinement, and thresholds from which a recording is refused."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class RefineSettings:
-    """Thresholds of `vbaa refine`; deviations are standard deviations."""
+    """Thresholds of `vbaa refine`."""
 
     # solving
     enough: float = 0.02  # longest step in deviations with which it ends

@@ -1,4 +1,4 @@
-"""Gauss–Newton for a whole recording; frames and strokes that contradict the rest are reweighted or left out."""
+"""Gauss–Newton for a whole recording; frames and strokes that contradict the rest are down-weighted or left out."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _RULES = Rules(
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A recording solved."""
+    """The solution of a recording."""
 
     state: State  # where it ended
     equations: Equations  # of the contacts, about that state
@@ -39,17 +39,16 @@ class Solution:
     trend_p: float  # that a rig which stays as it is shows as much
 
     def changing(self) -> Solution:
-        """With how far the rig of a frame is from that of all, at most, in the covariance."""
+        """The solution with the largest difference between a frame's rig and the common one added to the covariance."""
         covariance, count = self.covariance.copy(), len(self.trend)
         covariance[:count, :count] += np.outer(self.trend, self.trend)
         return replace(self, covariance=covariance)
 
 
 def solved(problem: RecordingProblem, start: State, strokes: np.ndarray, widening: float = 1.0) -> Solution:
-    """The most probable recording. What frames share is solved for with `most_frames` of them at most, evenly over the
-    recording, then fixed while the others are fitted: a frame's bias is of second order in its noise, but the same in
-    many. strokes : (B,) number of each frame's; widening : on the deviations of the calibration.
-    """
+    """The most probable recording. The shared steps are solved with at most `most_frames` frames, evenly spaced,
+    then fixed while the others are fitted: a frame's bias is of second order in its noise, but the same in many.
+    strokes : (B,) index of each frame's. widening : factor on the calibration's standard deviations."""
     rig = problem.axes.shape[1]
     prior = np.ones(problem.size)
     prior[:rig] /= widening**2
@@ -99,8 +98,8 @@ def solved(problem: RecordingProblem, start: State, strokes: np.ndarray, widenin
 def _trend(
     problem: RecordingProblem, at: tuple[State, Equations, np.ndarray, np.ndarray], strokes: np.ndarray
 ) -> tuple[np.ndarray, float]:
-    """How a rig that changes evenly with time does so, by the frames' pulls at a solution: its steps (R,), and the
-    probability of as much by accident (score test). Friction angles of a stroke may be off alike, as neighbours rub."""
+    """Estimated change of the rig over the recording, linear in time, from the frames' gradients at a solution: its
+    steps (R,), and their p-value (score test). Friction angles of a stroke share an error, as neighbours rub alike."""
     state, equations, weight, total = at
     free_information, free_side = problem.free_equations(state)
     ahead, rig = _ahead(problem, state), problem.axes.shape[1]
@@ -129,15 +128,15 @@ def _trend(
 
 
 def _offness(covariance: np.ndarray, prior: np.ndarray, rig: int, excess: float) -> float:
-    """How many times farther off than its deviations say the rig is: of a direction that is determined in part, χ²
-    grows in part."""
+    """Factor by which the rig is farther off than its standard deviations; a direction that is determined in part
+    counts in part."""
     determined = rig - float(np.diag(covariance)[:rig] @ prior[:rig])
     return float(np.sqrt(max(1.0 + excess / max(determined, 1e-9), 0.0)))
 
 
 def _beginning(problem: RecordingProblem, state: State, strokes: np.ndarray) -> np.ndarray:
-    """(B,) weights to begin with: 0 for frames and strokes that contradict the calibration beyond doubt, if most do
-    not: they would lead the others astray."""
+    """(B,) initial weights: 0 for frames and strokes that clearly contradict the calibration, provided most do not:
+    they would mislead the others."""
     equations = problem.equations(state)
     labels, which = np.unique(strokes, return_inverse=True)
     sums = np.eye(len(labels))[:, which]
@@ -156,7 +155,7 @@ def _beginning(problem: RecordingProblem, state: State, strokes: np.ndarray) -> 
 
 
 def _weights(equations: Equations, pull: np.ndarray, total: np.ndarray) -> np.ndarray:
-    """(B,) weights of frames in the shared steps: less where one disagrees with the rest, 0 where it is foreign."""
+    """(B,) weights of frames in the shared steps: below 1 where one disagrees with the rest, 0 where it is foreign."""
     square, freedom = disagreement(equations.information, pull, total)
     p = disagreement_p(square, freedom)
     weight = np.where(p < RefineSettings.doubted, freedom / np.maximum(square, 1e-9), 1.0)
@@ -164,13 +163,13 @@ def _weights(equations: Equations, pull: np.ndarray, total: np.ndarray) -> np.nd
 
 
 def _pull(problem: RecordingProblem, state: State, equations: Equations) -> np.ndarray:
-    """(B, S) with what force frames pull at the shared steps."""
+    """(B, S) gradient of each frame's cost by the shared steps."""
     return equations.side - np.einsum("bst,t->bs", equations.information, _ahead(problem, state))
 
 
 def _others(problem: RecordingProblem, state: State, found: np.ndarray, chosen: np.ndarray) -> tuple[State, Equations]:
-    """All frames fitted with the shared steps as they are; those chosen begin where they were found. A frame with
-    steps that became longer twice takes half a step, then a quarter, and so on."""
+    """All frames fitted with fixed shared steps; the chosen ones start where they were found. A frame that has
+    lengthened its step twice takes half a step, then a quarter, and so on."""
     unknowns, trust = state.unknowns.copy(), np.full((len(state.unknowns), len(problem.views), 2), np.nan)
     unknowns[chosen] = found
     rises, before = np.zeros(len(unknowns)), np.full(len(unknowns), np.inf)
@@ -190,17 +189,17 @@ def _others(problem: RecordingProblem, state: State, found: np.ndarray, chosen: 
 
 
 def _lengths(own: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """(B, 3) of frames' steps (B, 4) of distance and force, in their standard deviations."""
+    """(B, 3) frames' steps (B, 4) of distance and force, in standard deviations."""
     return np.asarray(np.abs(own / np.sqrt(np.einsum("bii->bi", covariance)))[:, :3])
 
 
 def _length(own: np.ndarray, covariance: np.ndarray) -> float:
-    """Of nearly all frames' steps (B, 4), in their standard deviations."""
+    """Length in standard deviations that nearly all frames' steps (B, 4) do not exceed."""
     return float(np.quantile(_lengths(own, covariance), RefineSettings.nearly_all)) if len(own) else 0.0
 
 
 def _ahead(problem: RecordingProblem, state: State) -> np.ndarray:
-    """(S,) the shared steps ahead of where the equations stand: the lines' errors are linear, and taken about 0."""
+    """(S,) shared steps relative to the linearisation: the lines' errors are linear, and linearised at 0."""
     first = problem.axes.shape[1]
     ahead = np.zeros(problem.size)
     ahead[first : first + problem.lines] = state.shared[first : first + problem.lines]
@@ -209,7 +208,7 @@ def _ahead(problem: RecordingProblem, state: State) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _LinearisedRecording:
-    """A recording about a state, and its Gauss–Newton step."""
+    """A recording linearised at a state, with its Gauss–Newton step."""
 
     state: State
     equations: Equations
@@ -223,13 +222,13 @@ class _LinearisedRecording:
 
     @cached_property
     def length(self) -> float:
-        """Of the step, in standard deviations: of the shared part, or of nearly all frames' if longer."""
+        """Length of the step in standard deviations: of the shared part, or of nearly all frames' if longer."""
         along = float(self.shared @ self.total @ self.shared) / max(len(self.shared), 1)
         own, covariance = self.own[self.counted], self.equations.own_covariance[self.counted]
         return max(float(np.sqrt(along)), _length(own, covariance))
 
     def decrease(self, own: np.ndarray, shared: np.ndarray) -> float:
-        """What the objective falls by along small moves (B, 4), (S,) from here, to first order."""
+        """First-order decrease of the objective along small moves (B, 4), (S,) from here."""
         through = self.equations.through
         pull = np.linalg.solve(self.equations.own_covariance, (self.own + through @ self.shared)[..., None])[..., 0]
         return float(self.weight @ (pull * (own + through @ shared)).sum(axis=1) + self.shared @ self.total @ shared)
@@ -238,8 +237,8 @@ class _LinearisedRecording:
 def _linearised(
     problem: RecordingProblem, state: State, weight: np.ndarray, prior: np.ndarray, trust: np.ndarray | None = None
 ) -> _LinearisedRecording | None:
-    """About a state; None where there is no step. Where a trust is kept, frames that do not belong need not come to
-    an end."""
+    """The recording linearised at a state; None where there is no step. With a fixed `trust`, frames that do not
+    belong need not converge."""
     equations = problem.equations(state, trust)
     free_information, free_side = problem.free_equations(state)
     total = np.einsum("b,bst->st", weight, equations.information) + free_information.sum(axis=0)
@@ -258,7 +257,8 @@ def _linearised(
 def _descended(
     problem: RecordingProblem, state: State, weight: np.ndarray, prior: np.ndarray, trust: np.ndarray | None = None
 ) -> tuple[_LinearisedRecording, bool]:
-    """Descends to where no step is longer than a small part of a standard deviation; and whether it came there.
+    """Iterates until all steps are a small part of a standard deviation; returns the result and whether it
+    converged.
 
     A step along which the objective rises, by its slopes at both ends, is taken in part. Once one was, or led to a
     longer one, the trust in frames and ends is kept: where it jumps to and fro, steps become no shorter.
@@ -292,7 +292,7 @@ def _descended(
 
 
 def _moved(problem: RecordingProblem, unknowns: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Unknowns (B, 4) after a step, straight in the clamp's moment: in the force its valley is bent."""
+    """Unknowns (B, 4) after a step that is linear in the clamp's moment: in the force the valley is curved."""
     old = unknowns[:, :1]
     limited = np.clip(step[:, :1], -RefineSettings.longest * old, RefineSettings.longest * old)
     share = np.where(step[:, :1] == 0.0, 1.0, limited / np.where(step[:, :1] == 0.0, 1.0, step[:, :1]))

@@ -1,1 +1,1 @@
-"""What people and hardware get wrong: hypotheses about what was reported, and one decision by evidence."""
+"""Diagnosis: hypotheses about mistakes of people and hardware, and one decision by evidence."""

@@ -1,4 +1,5 @@
-"""Pictures of the board: what changed between them, the print, coverage and poses; one picture against those before."""
+"""Diagnosis of the board's pictures: changes between them, the print, coverage and variety of poses; one picture
+compared with earlier ones."""
 
 from __future__ import annotations
 
@@ -29,7 +30,7 @@ from .decision import DecisionSettings, Explanation, diagnose
 
 @dataclass(frozen=True)
 class _BoardSettings:
-    """From when on something about the pictures of the board is reported."""
+    """Thresholds from which something about the board's pictures is reported."""
 
     same_shape: float = 0.01  # relative difference of width and height up to which a picture is scaled, not cropped
     moved_squares: float = 0.5  # a board that moved by fewer of its squares is in the same place
@@ -59,7 +60,7 @@ _LIMITS = _BoardSettings()
 
 
 def resolution_changed(size: tuple[int, int], first: tuple[int, int]) -> Diagnosis | None:
-    """Why a picture of `size` (width, height) px differs from the first one in size; None where it does not."""
+    """Diagnosis of a picture of another `size` (width, height) px than the first one; None where they agree."""
     if tuple(size) == tuple(first):
         return None
     wide, high = size[0] / first[0], size[1] / first[1]
@@ -80,7 +81,7 @@ def resolution_changed(size: tuple[int, int], first: tuple[int, int]) -> Diagnos
 
 
 def same_pose(view: BoardView, earlier: Sequence[BoardView], spec: Board | BoardPoints) -> Diagnosis | None:
-    """The nearest earlier view that shows the board in (nearly) the same pose, if one does."""
+    """The nearest earlier view with (nearly) the same pose of the board; None without one."""
     near = [(distance, other) for other in earlier if (distance := _apart_px(view, other, spec)) is not None]
     if not near:
         return None
@@ -93,7 +94,7 @@ def same_pose(view: BoardView, earlier: Sequence[BoardView], spec: Board | Board
 
 
 def _apart_px(view: BoardView, other: BoardView, spec: Board | BoardPoints) -> float | None:
-    """Rms distance of the corners that both show, px, where the pose counts as the same; else None."""
+    """Rms distance, px, of the corners common to both views where their poses count as the same; else None."""
     ids, mine, theirs = np.intersect1d(view.ids, other.ids, return_indices=True)
     if len(ids) < QualitySettings.least_corners or 2 * len(ids) < max(len(view.ids), len(other.ids)):
         return None
@@ -114,7 +115,8 @@ def _apart_px(view: BoardView, other: BoardView, spec: Board | BoardPoints) -> f
 
 
 def _poorly_covered(views: Sequence[BoardView], spec: Board | BoardPoints) -> Diagnosis | None:
-    """Whether the corners leave out much of the picture, and which of its corners; at least one view."""
+    """Diagnosis of corners that leave out much of the picture, with the uncovered picture corners; at least one
+    view."""
     size, pixels = np.array(views[0].image_size), np.concatenate([view.corners_px for view in views])
     hull = float(cv2.contourArea(cv2.convexHull(pixels.astype(np.float32)))) / size.prod() if len(pixels) > 2 else 0.0
     column, row = np.clip((pixels + 0.5) / size * (4, 3), 0, (3, 2)).astype(int).T
@@ -132,7 +134,7 @@ def _poorly_covered(views: Sequence[BoardView], spec: Board | BoardPoints) -> Di
 
 
 def _little_variety(views: Sequence[BoardView], solution: LensSolution, spec: Board | BoardPoints) -> list[Diagnosis]:
-    """Poses that repeat, boards that are never tilted, or about one axis only."""
+    """Diagnosis of repeated poses, and of boards that are never tilted, or about one axis only."""
     found: list[Diagnosis] = []
     kept: list[BoardView] = []
     for view in views:
@@ -159,7 +161,7 @@ def _little_variety(views: Sequence[BoardView], solution: LensSolution, spec: Bo
 
 
 def _print_stretched(shape: BoardShape) -> Diagnosis | None:
-    """A print with different scales along x and y."""
+    """Diagnosis of a print with different scales along x and y."""
     excess, std = float(shape.parameters[STRETCH]), float(shape.std[STRETCH])
     if abs(excess) < max(_LIMITS.stretch_std * std, _LIMITS.stretch):
         return None
@@ -179,12 +181,14 @@ its corners (K, 3) m by id."""
 
 
 def lens_reading_diagnoses(data: LensReadings) -> list[Diagnosis]:
-    """Whether pictures of a board are rectified and a file's lens is that of raw ones, or the other way round."""
+    """Hypotheses that pictures of a board are rectified although a file's lens is that of raw ones, or the other way
+    round."""
     return diagnose(data, (_rectified_already, _not_rectified))
 
 
 def _rectified_already(data: LensReadings) -> Iterator[Explanation[LensReadings]]:
-    """Straight lines are straight in the pictures: the file's distortion would bend them."""
+    """Hypothesis of rectified pictures: straight lines are straight in them, and the file's distortion would bend
+    them."""
     camera, other, *_ = data
     if not camera.distortion.any():
         return
@@ -204,7 +208,7 @@ def _rectified_already(data: LensReadings) -> Iterator[Explanation[LensReadings]
 
 
 def _not_rectified(data: LensReadings) -> Iterator[Explanation[LensReadings]]:
-    """Straight lines bend in the pictures by the file's distortion, which --rectified removes."""
+    """Hypothesis of raw pictures: straight lines are bent by the file's distortion, which --rectified removes."""
     camera, other, *_ = data
     if other is None or camera.distortion.any():
         return
@@ -222,8 +226,8 @@ def _not_rectified(data: LensReadings) -> Iterator[Explanation[LensReadings]]:
 
 
 def _bend(data: LensReadings, camera: Camera) -> tuple[float, float, float, float]:
-    """The share of a lens's distortion that straight lines of a board show, by least squares; how far its corners
-    scatter about homographies without any of it and with all, px per axis; the log odds of none against all."""
+    """Fraction of a lens's distortion in the straight lines of a board, by least squares; the corners' scatter about
+    homographies without distortion and with all of it, px per axis; the log odds of none against all."""
     freedom, sums = 0, np.zeros((2, 2))
     for view in data[2]:
         plane = data[3][view.ids, :2]
@@ -258,7 +262,7 @@ def _mapped(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _ViewChange:
-    """How a parameter that each view has to itself follows a pattern over the views."""
+    """A pattern over the views that a view-wise parameter follows."""
 
     pattern: Literal["step", "single", "creep"]
     first: int  # index of the view from which on it is so, or of the single one
@@ -270,8 +274,8 @@ class _ViewChange:
 def _find_change(
     score: np.ndarray, information: np.ndarray, patterns: np.ndarray, variance_px2: float, prior_std: float
 ) -> tuple[int, float, float, float] | None:
-    """Which pattern (K, V) a parameter's values over the views follow best, its size, standard deviation and log odds
-    against none; None with too few views.
+    """The pattern of (K, V) that a parameter's values over the views follow best, with size, standard deviation and
+    log odds against no change; None with too few views.
 
     The scatter of the views about the pattern sets the scale, not the corners' noise alone, for a board that is not
     flat moves whole views: the evidence is Student's.
@@ -293,7 +297,7 @@ def _find_change(
 
 @dataclass(frozen=True, eq=False)
 class ViewSet:
-    """A solved set of V views, linearised, every view's pose eliminated."""
+    """A solved set of V views, linearised, with every view's pose eliminated."""
 
     names: tuple[str, ...]  # of the views used, in order
     residuals: np.ndarray  # (2N,) px, observed less projected
@@ -309,7 +313,7 @@ class ViewSet:
 
     @staticmethod
     def of(views: Sequence[BoardView], solution: LensSolution, spec: Board | BoardPoints) -> ViewSet | None:
-        """Linearise a solved set over the good corners of the views used; None where they are too few.
+        """The linearised set over the good corners of the views used; None where there are too few.
 
         views : in the order of capture, the solution's among them by name.
         """
@@ -344,8 +348,8 @@ class ViewSet:
         return ViewSet(names, flat[:, -1], own, by_gap, spacing, basis, 2 * bounds, units, variance_px2)
 
     def own_scores(self, parameter: int) -> tuple[np.ndarray, np.ndarray]:
-        """Score (V,) of a parameter that each view has to itself, px², and its information (V, V), px²; what the views
-        share is eliminated."""
+        """Score (V,) of a parameter that may differ from view to view, px², and its information (V, V), px², with
+        the shared parameters eliminated."""
         column, basis, starts = self.own[:, parameter], self.basis, self.bounds[:-1]
         left = self.residuals - basis @ (basis.T @ self.residuals)
         shared = np.add.reduceat(basis * column[:, None], starts, axis=0)
@@ -353,8 +357,8 @@ class ViewSet:
         return np.add.reduceat(column * left, starts), information
 
     def clearest(self, parameter: int) -> _ViewChange | None:
-        """The change over the views that explains most of a parameter, if one is clear and large enough: from a view
-        on, of a single view, or, of the focal length, steady."""
+        """The change over the views that explains most of a parameter, if it is significant and large enough: from a
+        view on, of a single view or, of the focal length, steady."""
         count, side, unit = len(self.names), _LIMITS.side_views, self.units[parameter]
         firsts = np.arange(side, count - side + 1)
         patterns: dict[Literal["step", "single", "creep"], np.ndarray] = {
@@ -373,7 +377,7 @@ class ViewSet:
         return best if best is not None and best.log_odds >= DecisionSettings().least_log_odds else None
 
     def without(self, parameter: int, change: _ViewChange) -> ViewSet:
-        """The set as it would be without a change."""
+        """The set corrected for a change."""
         views, count = np.arange(len(self.names)), len(self.names)
         pattern = {"step": views >= change.first, "single": views == change.first, "creep": views / (count - 1)}
         values = change.size * np.asarray(pattern[change.pattern], float)
@@ -382,7 +386,8 @@ class ViewSet:
 
 
 def _focus_changed(data: ViewSet) -> Iterator[Explanation[ViewSet]]:
-    """By perspective, that is from tilted views alone: a face-on board that looks larger may be nearer."""
+    """Hypothesis of a changed focus, by perspective alone, that is by tilted views: a face-on board that looks
+    larger may be nearer."""
     change, names = data.clearest(ViewSet.FOCAL), data.names
     if change is None:
         return
@@ -404,7 +409,8 @@ def _focus_changed(data: ViewSet) -> Iterator[Explanation[ViewSet]]:
 
 
 def _centre_moved(data: ViewSet) -> Iterator[Explanation[ViewSet]]:
-    """The picture's centre differs before and after some picture: an image stabiliser, or a cropped mode."""
+    """Hypothesis of a principal point that differs before and after some picture: an image stabiliser, or a cropped
+    mode."""
     for parameter, sides in ((ViewSet.CENTRE_X, ("to the left", "to the right")), (ViewSet.CENTRE_Y, ("up", "down"))):
         change = data.clearest(parameter)
         if change is None or change.pattern != "step":
@@ -421,7 +427,7 @@ def _sides(step: _ViewChange, names: tuple[str, ...]) -> str:
 
 
 def _by_gap(bundle: Bundle, seen: Sequence[BoardCorners], spec: Board | BoardPoints) -> np.ndarray:
-    """(N, 2) negative derivatives of the corners' residuals by an AprilGrid's spacing; zero of other boards."""
+    """(N, 2) negative derivatives of the corners' residuals by an AprilGrid's spacing; zero for other boards."""
     if not isinstance(spec, AprilGrid):
         return np.zeros((sum(len(view.pixels) for view in seen), 2))
     # in the place of the first of the shape's parameters: how corners move with a tag's gap
@@ -436,7 +442,7 @@ def _by_gap(bundle: Bundle, seen: Sequence[BoardCorners], spec: Board | BoardPoi
 
 
 def _other_gap(data: ViewSet) -> Iterator[Explanation[ViewSet]]:
-    """The gap between the tags of an AprilGrid, in sides of a tag, is not as described."""
+    """Hypothesis of an AprilGrid with another gap between its tags, in sides of a tag, than described."""
     left = data.by_gap - data.basis @ (data.basis.T @ data.by_gap)
     information, freedom = float(left @ left), len(left) - data.basis.shape[1] - 6 * len(data.names) - 1
     if not np.isfinite(data.spacing) or information <= 0.0 or freedom <= 0:
@@ -463,7 +469,7 @@ def _other_gap(data: ViewSet) -> Iterator[Explanation[ViewSet]]:
 def view_set_diagnoses(
     views: Sequence[BoardView], solution: LensSolution, spec: Board | BoardPoints
 ) -> list[Diagnosis]:
-    """Faults of the set, the grave ones first; views : in the order of capture, unused ones among them."""
+    """Diagnoses of the set of views, the grave ones first. views : in the order of capture, including unused ones."""
     names = {view.name for view in solution.views}
     used = [view for view in views if view.name in names]
     if not used:

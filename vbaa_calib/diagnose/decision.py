@@ -1,4 +1,5 @@
-"""Which hypotheses explain a set of observations best: posterior odds against all being as reported."""
+"""Decision between hypotheses that explain a set of observations: posterior odds against everything being as
+reported."""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ _Data = TypeVar("_Data")
 
 @dataclass(frozen=True)
 class DecisionSettings:
-    """When a hypothesis is reported."""
+    """Thresholds from which a hypothesis is reported."""
 
     least_log_odds: float = 5.0  # posterior log odds over "as reported": 150 to 1
     least_doubt: float = 2.5  # the same from which it is reported as a doubt: 12 to 1; clean material stays below 0
@@ -25,7 +26,7 @@ class DecisionSettings:
 
 @dataclass(frozen=True, eq=False)
 class Explanation(Generic[_Data]):
-    """A hypothesis, and how well it explains a set of observations.
+    """A hypothesis with its evidence from a set of observations.
 
     Attributes
     ----------
@@ -50,8 +51,8 @@ Hypothesis = Callable[[_Data], Iterable[Explanation[_Data]]]
 def decide(
     explanations: Iterable[Explanation[_Data]], settings: DecisionSettings = DecisionSettings()
 ) -> list[Explanation[_Data]]:
-    """The likeliest explanation, with those that the data hardly tell from it, as doubts where the odds are low; none
-    where all may be as reported."""
+    """The likeliest explanation, together with those that the data hardly distinguish from it, as doubts where the
+    odds are low; empty where everything may be as reported."""
     likely = sorted((one for one in explanations if one.log_odds >= settings.least_doubt), key=_odds, reverse=True)
     close = [one for one in likely if one.log_odds > likely[0].log_odds - settings.lead]
     named = [one for one in close if one.diagnosis.name not in close[0].covers][: settings.named]
@@ -59,7 +60,7 @@ def decide(
 
 
 def _doubtful(one: Explanation[_Data]) -> Explanation[_Data]:
-    """An explanation that is not sure enough for others to be sought behind it."""
+    """Whether an explanation is too uncertain to search for further ones with it applied."""
     severity: Severity = "doubt" if one.diagnosis.severity == "wrong" else one.diagnosis.severity
     return replace(one, diagnosis=replace(one.diagnosis, severity=severity), applied=None)
 
@@ -71,15 +72,15 @@ def _odds(one: Explanation[_Data]) -> float:
 def diagnose(
     data: _Data, table: Sequence[Hypothesis[_Data]], settings: DecisionSettings = DecisionSettings()
 ) -> list[Diagnosis]:
-    """What is wrong, the likeliest first: see `explained`."""
+    """The diagnoses, the likeliest first: see `explained`."""
     return [joined(best) for best in explained(data, table, settings)[0]]
 
 
 def explained(
     data: _Data, table: Sequence[Hypothesis[_Data]], settings: DecisionSettings = DecisionSettings()
 ) -> tuple[list[list[Explanation[_Data]]], _Data]:
-    """What is wrong, the likeliest first, each with those that the data hardly tell from it; and the observations with
-    all of it put right: the table is gone through again with each round's best explanation applied."""
+    """The diagnoses, the likeliest first, each with those that the data hardly distinguish from it; and the
+    corrected observations. The table is evaluated again with each round's best explanation applied."""
     found: list[list[Explanation[_Data]]] = []
     for _ in range(settings.rounds):
         known = {_subject(joined(each)) for each in found}
@@ -94,13 +95,13 @@ def explained(
 
 
 def _subject(one: Diagnosis) -> str:
-    """What is named at most once: a mistake, or that of a row."""
+    """The mistake, or the row with it, that is reported at most once."""
     return one.words if " row " in one.words else one.name
 
 
 def joined(alike: Sequence[Explanation[_Data]]) -> Diagnosis:
-    """One diagnosis of several explanations between which the data do not decide, under the first one's name and with
-    the gravest one's severity."""
+    """One diagnosis for several explanations that the data do not distinguish, with the first one's name and the
+    gravest one's severity."""
     first, *others = every = [one.diagnosis for one in alike]
     if not others:
         return first

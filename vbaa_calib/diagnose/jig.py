@@ -1,4 +1,5 @@
-"""The board in the jig: which slip in session.yaml, or which change since its picture, explains where the antenna is.
+"""Diagnosis of the jig: the mistake in session.yaml, or the change since its picture, that explains the antenna's
+position.
 
 Witnesses are the free antenna in its pictures, with its visible end, and the other ways to plane C. All hypotheses are
 weighed on the same lines, each by the evidence (Laplace) of a solve of camera pose, antenna and lens.
@@ -33,7 +34,7 @@ from .decision import Explanation, decide, joined
 
 @dataclass(frozen=True)
 class _JigSettings:
-    """How slips of the jig, and changes since its picture, are distinguished."""
+    """Thresholds and priors of mistakes in the jig's entry, and of changes since its picture."""
 
     log_prior: float = -6.0  # log probability of each slip in session.yaml
     log_prior_change: float = -3.0  # the same of a camera that moved, a refocus, a length: these are commoner
@@ -59,7 +60,7 @@ class _JigSettings:
 
 @dataclass(frozen=True, eq=False)
 class _JigMistake:
-    """A hypothesis: the jig's pose as it would be, how the antenna's pictures are mirrored, and what is uncertain."""
+    """A hypothesis: the jig's pose under it, the mirroring of the antenna's pictures, and what is uncertain."""
 
     name: str
     words: str
@@ -78,7 +79,7 @@ class _JigMistake:
 
 @dataclass(frozen=True, eq=False)
 class JigEvidence:
-    """A session with a jig, the board in it as the camera sees it, and what else shows where the camera is.
+    """A session with a jig, its board in the camera frame, and the other evidence on the camera's pose.
 
     others : the camera's pose by other ways. free : the free antenna's pictures, searched for it where `lines` is None.
     """
@@ -93,7 +94,7 @@ class JigEvidence:
 
     @property
     def reported(self) -> _JigMistake:
-        """All as session.yaml has it."""
+        """The hypothesis that everything is as session.yaml states."""
         assert self.session.T_antenna_board is not None
         return _JigMistake("as_reported", "", "", self.session.T_antenna_board, 0.0)
 
@@ -106,7 +107,7 @@ class JigEvidence:
         return self._before(case, replace(found, covariance=found.covariance + spread))
 
     def _before(self, case: _JigMistake, found: PoseEstimate) -> PoseEstimate:
-        """An estimate by pictures of the board, which were taken before a change of the focal length."""
+        """An estimate from pictures of the board, corrected for a later change of the focal length."""
         by_lens = found.lens_sensitivity
         if not case.focal or self.camera.covariance is None:
             return found
@@ -122,7 +123,7 @@ class JigEvidence:
         return found
 
     def lens(self, case: _JigMistake) -> Camera:
-        """The lens of the antenna's pictures before they are solved."""
+        """The lens of the antenna's pictures before it is solved with them."""
         if not case.focal:
             return self.camera
         axis = np.zeros(len(self.camera.parameters))
@@ -131,7 +132,8 @@ class JigEvidence:
         return replace(self.camera, covariance=np.outer(axis, axis) + (0.0 if known is None else known))
 
     def found(self, case: _JigMistake) -> list[Observation]:
-        """The free antenna near where a hypothesis puts it, in the pictures as they are; empty where it is not in one.
+        """The free antenna detected near where a hypothesis predicts it, in the unmirrored pictures; empty where it
+        is missing in one.
 
         Within a few standard deviations: nothing that lies elsewhere speaks for the hypothesis.
         """
@@ -151,7 +153,7 @@ class JigEvidence:
         return self._flipped(seen, case.flips)
 
     def _in_picture(self, T_antenna_camera: Pose, gravity_m_s2: np.ndarray) -> bool:
-        """Whether the camera would see most of the free antenna from a pose."""
+        """Whether most of the free antenna is in view from a camera pose."""
         antenna = self.session.antenna
         points = free_curve(nominal_parameters(antenna), antenna.length_m, gravity_m_s2, antenna.taper).points_m[0]
         pixels, seen = self.camera.project(T_antenna_camera.inverse() @ points)
@@ -159,13 +161,13 @@ class JigEvidence:
         return bool(inside.mean() >= self.limits.least_inside)
 
     def _flipped(self, lines: Iterable[Observation], flips: tuple[bool, bool]) -> list[Observation]:
-        """The lines as they lie in mirrored pictures."""
+        """The lines in the coordinates of mirrored pictures."""
         last = np.array(self.camera.image_size) - 1.0
         turn, shift = np.where(flips, -1.0, 1.0), np.where(flips, last, 0.0)
         return [replace(one, points_px=shift + turn * one.points_px, tip_px=shift + turn * one.tip_px) for one in lines]
 
     def problem(self, case: _JigMistake, lines: Sequence[Observation], scale: float) -> Problem:
-        """Camera pose, antenna and lens by the free antenna's lines, where a hypothesis holds."""
+        """The problem of camera pose, antenna and lens with the free antenna's lines, under a hypothesis."""
         antenna, session = self.session.antenna, self.session
         before = prior(
             antenna,
@@ -187,7 +189,7 @@ class JigEvidence:
     def solved(
         self, case: _JigMistake, lines: Sequence[Observation], scale: float
     ) -> tuple[float, Problem | None, Linearised | None]:
-        """Log evidence (Laplace) of a hypothesis, up to what all have in common; its problem and solution."""
+        """Log evidence (Laplace) of a hypothesis, up to a common constant; its problem and solution."""
         if not lines:
             return self._by_ways(case), None, None
         try:
@@ -213,7 +215,7 @@ class JigEvidence:
         return max(evidence, -self.limits.lost), problem, at
 
     def _by_ways(self, case: _JigMistake) -> float:
-        """Log evidence where no picture of the free antenna is there: by the other ways to plane C alone."""
+        """Log evidence without pictures of the free antenna: by the other ways to plane C alone."""
         one, total = self.estimate(case), 0.0
         for other in self.by_others(case):
             covariance = one.covariance + other.covariance
@@ -226,8 +228,8 @@ class JigEvidence:
         return max(total, -self.limits.lost)
 
     def fits(self, lines: Sequence[Observation], scale: float) -> bool:
-        """Whether the lines, and the other ways, lie so near to what was reported that nothing could explain them
-        better: no explanation gains more than the priors' cost."""
+        """Whether lines and other ways lie so near to what was reported that no explanation could gain more than its
+        prior costs."""
         _, problem, solution = self.solved(self.reported, lines, scale)
         if problem is None or solution is None or scale > self.limits.scattered * self.limits.correlated:
             return False
@@ -235,7 +237,8 @@ class JigEvidence:
 
     @cached_property
     def seen(self) -> tuple[Sequence[Observation], float, float]:
-        """The free antenna's lines, the factor on their standard deviations, and the log evidence for all as reported.
+        """The free antenna's lines, the factor on their standard deviations, and the log evidence for everything as
+        reported.
 
         Where they were not found, by the hypothesis that explains best what is found near where it puts them.
         """
@@ -265,7 +268,7 @@ class JigEvidence:
         return *best[1:], self.solved(self.reported, *best[1:])[0]
 
     def _scale(self, case: _JigMistake, lines: Sequence[Observation]) -> float:
-        """Factor on the points' standard deviations, by their scatter about the best antenna of a hypothesis."""
+        """Factor on the points' standard deviations, from their scatter about the best antenna under a hypothesis."""
         if not lines:
             return 1.0
         _, problem, solution = self.solved(case, lines, 1.0)
@@ -275,7 +278,7 @@ class JigEvidence:
         return self.limits.correlated * max(noise_scale(left), 1.0)
 
     def explanation(self, case: _JigMistake) -> Explanation[JigEvidence]:
-        """How well a hypothesis explains the lines and the other ways."""
+        """The explanation of the lines and the other ways by a hypothesis."""
         lines, scale, reported = self.seen
         if case.loads_rad:
             return self._turned_before_loads(case)
@@ -292,8 +295,8 @@ class JigEvidence:
         return Explanation(Diagnosis(case.name, words, case.remedy, severity), evidence - reported + case.log_prior)
 
     def _turned_before_loads(self, case: _JigMistake) -> Explanation[JigEvidence]:
-        """How well a turn of the camera between the pictures without and with loads explains them: estimated to first
-        order, and again with the loads' lines turned back."""
+        """The explanation by a rotation of the camera between the pictures without and with loads: estimated to
+        first order, and again with the loads' lines rotated back."""
         lines, scale, reported = self.seen
         turn, std_rad, evidence = np.zeros(3), np.full(3, np.nan), -self.limits.lost
         for _ in range(self.limits.rounds):
@@ -318,7 +321,7 @@ class JigEvidence:
         return Explanation(found_so, evidence - reported + case.log_prior)
 
     def _seen_before(self, line: Observation, turn_rad: np.ndarray) -> Observation:
-        """A load's line as the camera would have seen it before it turned; any other as it is."""
+        """A load's line in the camera's orientation before it turned; any other unchanged."""
         if not line.loaded or not turn_rad.any():
             return line
         rotation = self.estimate(self.reported).T_antenna_camera.rotation
@@ -331,7 +334,7 @@ class JigEvidence:
         return replace(line, points_px=moved(line.points_px), tip_px=tip)
 
     def _value(self, case: _JigMistake, problem: Problem | None, solution: Linearised | None) -> str:
-        """What a hypothesis leaves open, as it was found: for the sentence."""
+        """The estimated value of a hypothesis's free parameter, for the message."""
         jig = self.estimate(replace(case, offset_m=0.0, turn_rad=0.0, move_m=0.0))
         if problem is None or solution is None:
             others = [one.T_antenna_camera.tangent_from(jig.T_antenna_camera) for one in self.others]
@@ -359,7 +362,7 @@ class JigEvidence:
         return f"({', '.join(each)}) mm"
 
     def _off(self, lines: Sequence[Observation]) -> str:
-        """How far the free antenna lies from where all as reported would put it, in words."""
+        """Distance, in words, of the free antenna from its place if everything were as reported."""
         pose, antenna = self.estimate(self.reported).T_antenna_camera, self.session.antenna
         free = free_curve(nominal_parameters(antenna), antenna.length_m, lines[0].gravity_m_s2, antenna.taper).points_m[
             0
@@ -372,13 +375,13 @@ class JigEvidence:
 
 
 def _cost_of_priors(solution: Linearised) -> float:
-    """Half the χ² of what was known before."""
+    """Half the χ² of the prior residuals."""
     priors = solution.residuals[len(solution.residuals) - solution.certain :]
     return 0.5 * float(priors @ priors)
 
 
 def _some(lines: Sequence[Observation], count: int, loaded: bool) -> list[Observation]:
-    """As many of the lines with or without a load, from the first to the last."""
+    """At most `count` of the lines with or without a load, evenly spaced."""
     alike = [one for one in lines if one.loaded == loaded]
     return [alike[index] for index in np.unique(np.linspace(0, len(alike) - 1, min(count, len(alike))).astype(int))]
 
@@ -389,13 +392,14 @@ def _flipped(image: np.ndarray, flips: tuple[bool, bool]) -> np.ndarray:
 
 
 def _typed(data: JigEvidence) -> Pose:
-    """jig.T_antenna_board as session.yaml has it, of the board's back."""
+    """session.yaml's jig.T_antenna_board, of the board's back."""
     face = Pose(np.eye(3), np.array([0.0, 0.0, -data.session.board.thickness_m]))
     return data.reported.T_antenna_board @ face.inverse()
 
 
 def _slips(data: JigEvidence) -> Iterator[_JigMistake]:
-    """Slips in jig.T_antenna_board: units, signs, exchanged axes, half turns, the inverse pose, another order."""
+    """Hypotheses of mistakes in jig.T_antenna_board: units, signs, exchanged axes, half turns, the inverse pose,
+    another order."""
     typed, key, limits = _typed(data), "jig.T_antenna_board", data.limits
     face = typed.inverse() @ data.reported.T_antenna_board
     shift, turn = typed.translation_m, typed.rotation
@@ -447,7 +451,7 @@ def _slips(data: JigEvidence) -> Iterator[_JigMistake]:
 
 
 def _mirrored_pictures(data: JigEvidence) -> Iterator[_JigMistake]:
-    """The antenna's pictures are mirrored, or upside down, against the board's."""
+    """Hypotheses of antenna pictures that are mirrored, or upside down, relative to the board's."""
     for flips, words in (
         ((True, False), "mirrored left to right"),
         ((False, True), "mirrored upside down"),
@@ -460,7 +464,7 @@ def _mirrored_pictures(data: JigEvidence) -> Iterator[_JigMistake]:
 
 
 def _changes(data: JigEvidence) -> Iterator[_JigMistake]:
-    """What moved or changed by an unknown amount."""
+    """Hypotheses of motions and changes by an unknown amount."""
     limits, pose = data.limits, data.reported.T_antenna_board
     again = "take the jig's and the antenna's pictures again, one after the other, with nothing touched in between"
     if data.others:
@@ -496,8 +500,8 @@ def _quaternion(rotation: np.ndarray) -> str:
 
 
 def jig_diagnoses(data: JigEvidence) -> list[Diagnosis]:
-    """What is wrong with the jig, or changed since its picture; empty where all may be as reported, or another cause
-    explains the pictures as well."""
+    """Diagnoses of the jig, or of changes since its picture; empty where everything may be as reported, or another
+    cause explains the pictures as well."""
     lines, scale, _ = data.seen
     if data.fits(lines, scale) if lines else not data.others:
         return []
@@ -507,8 +511,8 @@ def jig_diagnoses(data: JigEvidence) -> list[Diagnosis]:
 
 
 def plane_contradicted(joint: BundleAdjustment, limits: _JigSettings = _JigSettings()) -> bool:
-    """Whether the camera's pose, the clamp or the antenna's end lie so far off what was reported that a slip of the
-    jig, or a change since its picture, may explain it: none can gain more than this costs."""
+    """Whether the camera's pose, the clamp or the antenna's end lie so far from what was reported that a mistake in
+    the jig, or a change since its picture, may explain it: none can gain more than this costs."""
     priors = joint.solution.residuals[len(joint.solution.residuals) - joint.solution.certain :]
     poses = 6 * len(joint.problem.prior.poses)
     of_antenna = poses + len(joint.problem.tips)

@@ -1,4 +1,4 @@
-"""What goes wrong with the moment sensor: hypotheses that are judged by the moments that the pictures predict."""
+"""Hypotheses about the moment sensor, judged by the moments that the pictures predict."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _UNITS = (
 
 @dataclass(frozen=True, eq=False)
 class MomentReadings:
-    """The moment sensor's readings (F,) and what the pictures predict of them.
+    """The moment sensor's readings (F,), and the moments that the pictures predict.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class MomentReadings:
 
     @cached_property
     def reported(self) -> float:
-        """Log likelihood of a sensor as it was reported."""
+        """Log likelihood of the sensor as reported."""
         return self.log_likelihood(1.0, SETTINGS.gain_std, noise=1.0)[0]
 
     def log_likelihood(
@@ -67,7 +67,8 @@ class MomentReadings:
         offset_std_Nm: float | None = None,
         usual_noise: float = 1.0,
     ) -> tuple[float, float]:
-        """Of a sensor of this gain, and its noise over the stated one: the likeliest, not below the usual, if not set.
+        """Log likelihood of a sensor with this gain, and this ratio of its noise to the stated one; without `noise`
+        the likeliest ratio, not below the usual.
 
         column : (F,) of a further, unknown error in its standard deviation.
         """
@@ -85,7 +86,7 @@ class MomentReadings:
         return float(every[best]), float(scales[best])
 
     def gain(self, about: np.ndarray | None = None) -> tuple[float, float, float]:
-        """Slope of the readings by the predicted moments, its standard deviation, and the scatter that it leaves."""
+        """Slope of the readings against the predicted moments, its standard deviation, and the residual scatter."""
         true = self.true if about is None else about
         columns = np.column_stack([true, np.ones_like(true)])
         found = np.linalg.lstsq(columns, self.read, rcond=None)[0]
@@ -101,7 +102,7 @@ def _explained(
 
 
 def _dead(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iterator[Explanation[MomentReadings]]:
-    """MomentReadings that do not follow the moments."""
+    """Hypothesis of readings that do not follow the moments."""
     spread = f"while the true moments span {1e3 * np.ptp(readings.true):.3g} mN·m"
     gain, std, _ = readings.gain()
     words = f"the moment readings do not follow the loads: gain {gain:.3g} ± {std:.2g}, {spread}"
@@ -117,7 +118,7 @@ def _dead(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iterator[E
 
 
 def _sign_and_unit(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iterator[Explanation[MomentReadings]]:
-    """Exchanged leads, and other units."""
+    """Hypotheses of exchanged leads, and of other units."""
     gain, std, _ = readings.gain()
     known = f"gain {gain:.4g} ± {std:.2g}"
     leads = "exchange its two leads, or change the sign of moment_Nm in all tables, the recording's too"
@@ -141,7 +142,7 @@ def _sign_and_unit(readings: MomentReadings, s: SessionSettings = SETTINGS) -> I
 
 
 def _own_gain(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iterator[Explanation[MomentReadings]]:
-    """A gain of its own."""
+    """Hypothesis of an arbitrary gain."""
     gain, std, _ = readings.gain()
     right = replace(readings, read=readings.read / gain) if gain else None
     words, usual = f"the moment sensor's gain is {gain:.4g} ± {std:.2g}", s.usual_gains[0] < gain < s.usual_gains[1]
@@ -155,7 +156,7 @@ def _own_gain(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iterat
 
 
 def _other_axis(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iterator[Explanation[MomentReadings]]:
-    """MomentReadings of the moment about z."""
+    """Hypothesis of readings of the moment about z."""
     other = replace(readings, true=readings.about_z)
     for sign in (1.0, -1.0):
         gain, std, _ = readings.gain(readings.about_z)
@@ -166,7 +167,7 @@ def _other_axis(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iter
 
 
 def _drift(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iterator[Explanation[MomentReadings]]:
-    """A zero that moves."""
+    """Hypothesis of a drifting zero."""
     if np.ptp(readings.when) == 0.0:
         return
     when = (readings.when - readings.when.mean()) / np.ptp(readings.when)
@@ -180,7 +181,7 @@ def _drift(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iterator[
 
 
 def _one_reading(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iterator[Explanation[MomentReadings]]:
-    """A single wrong reading."""
+    """Hypotheses of a single wrong reading."""
     less = float(np.log(len(readings.read)))
     for index, name in enumerate(readings.names):
         rest = np.arange(len(readings.read)) != index
@@ -194,7 +195,7 @@ def _one_reading(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Ite
 
 
 def _noise(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iterator[Explanation[MomentReadings]]:
-    """More noise than stated."""
+    """Hypothesis of more noise than stated."""
     odds, noise = readings.log_likelihood(1.0, s.own_gain_std)
     words = (
         f"the moment sensor scatters by {1e3 * noise * readings.std_Nm:.3g} mN·m, the session says "
@@ -213,13 +214,14 @@ Channels = dict[str, MomentReadings]
 
 
 def _better(channels: Channels, changed: Mapping[str, tuple[MomentReadings, float, float]]) -> float:
-    """Log odds of other readings of some channels, with their gains and these' deviations, over those reported."""
+    """Log odds of changed readings of some channels, with their gains and these' standard deviations, over the
+    reported ones."""
     now = sum(one.log_likelihood(gain, std)[0] for one, gain, std in changed.values())
     return now - sum(channels[name].reported for name in changed)
 
 
 def _turned_channels(channels: Channels, s: SessionSettings = SETTINGS) -> Iterator[Explanation[Channels]]:
-    """A channel with its sign turned round."""
+    """Hypotheses of a channel with its sign reversed."""
     for name, one in channels.items():
         odds = _better(channels, {name: (one, -1.0, s.own_gain_std)}) + s.sensor_fault
         words = f"{name} reads with the wrong sign: gain {one.gain()[0]:.3g} ± {one.gain()[1]:.2g} of what is expected"
@@ -230,7 +232,8 @@ def _turned_channels(channels: Channels, s: SessionSettings = SETTINGS) -> Itera
 
 
 def _exchanged_channels(channels: Channels, s: SessionSettings = SETTINGS) -> Iterator[Explanation[Channels]]:
-    """Two channels of a kind exchanged, with either sign: columns, wires, or a sensor mounted a quarter turn round."""
+    """Hypotheses of two exchanged channels of a kind, with either sign: columns, wires, or a sensor mounted a
+    quarter turn round."""
     for first, second in combinations(channels, 2):
         if first.endswith("_Nm") != second.endswith("_Nm"):
             continue
@@ -252,7 +255,7 @@ def _exchanged_channels(channels: Channels, s: SessionSettings = SETTINGS) -> It
 
 
 def _units_of_channels(channels: Channels, s: SessionSettings = SETTINGS) -> Iterator[Explanation[Channels]]:
-    """All forces, or all moments, in another unit."""
+    """Hypotheses of all forces, or all moments, in another unit."""
     forces = (
         ("mN", 1e3, "divide them by 1000"),
         ("gf", 1e3 / _G, "divide them by 101.97"),
@@ -271,7 +274,7 @@ def _units_of_channels(channels: Channels, s: SessionSettings = SETTINGS) -> Ite
 
 
 def _dead_channels(channels: Channels, s: SessionSettings = SETTINGS) -> Iterator[Explanation[Channels]]:
-    """A channel that does not follow the load."""
+    """Hypotheses of a channel that does not follow the load."""
     for name, one in channels.items():
         if np.ptp(one.true) < s.seen_std * one.std_Nm:
             continue
@@ -283,6 +286,6 @@ def _dead_channels(channels: Channels, s: SessionSettings = SETTINGS) -> Iterato
 
 
 def channel_diagnoses(channels: Channels, s: SessionSettings = SETTINGS) -> list[Diagnosis]:
-    """What is wrong with a sensor of several axes, the likeliest first."""
+    """Diagnoses of a sensor of several axes, the likeliest first."""
     read = {name: one for name, one in channels.items() if np.isfinite(one.read).all() and len(one.read) >= s.fewest}
     return diagnose(read, (_turned_channels, _exchanged_channels, _units_of_channels, _dead_channels))

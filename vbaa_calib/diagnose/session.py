@@ -1,4 +1,4 @@
-"""What people and hardware get wrong in a session: a table of hypotheses, of which the pictures are the witness."""
+"""The table of hypotheses about mistakes in a session, with the pictures as the witness."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from .witness import Alteration, RigFit, Witness, name_of
 
 @dataclass(frozen=True, eq=False)
 class _Mistake:
-    """One possible mistake.
+    """One possible mistake: its correction, its message and its prior.
 
     alter : the problem with a mistake of some values put right. says : of a fit, what was wrong.
     prior_std : of its values, about 0. log_prior : log odds before anything was seen.
@@ -55,13 +55,13 @@ def _percent(value: float, std: float) -> str:
 
 
 def _restilled(problem: Problem, change: Callable[[int, Still], Still]) -> Problem:
-    """With other readings."""
+    """The problem with changed readings of the static frames."""
     every = enumerate(problem.observations)
     return replace(problem, observations=[replace(one, still=change(i, one.still)) for i, one in every])
 
 
 def _reloaded(problem: Problem, which: Sequence[int], change: Callable[[Load], Load]) -> Problem:
-    """With other readings of some loads."""
+    """The problem with changed readings of some loads."""
 
     def of(index: int, frame: Still) -> Still:
         return change(frame) if isinstance(frame, Load) and index in which else frame
@@ -90,7 +90,7 @@ def _plane_turn(angle: float) -> np.ndarray:
 
 
 def _lengths(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
-    """Hypotheses of lengths: antenna.length_m, and the board's squares, which move the camera nearer or further."""
+    """Hypotheses of lengths: antenna.length_m, and the board's squares, which scale the camera's distance."""
     if len(witness.problem.tips):
         nominal = witness.problem.length_m
 
@@ -135,7 +135,7 @@ def _lengths(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
 
 
 def _cells(before: Load, after: Load) -> str:
-    """The cells of a row that change."""
+    """The cells of a row that differ between two versions of it."""
     names = ("distance_m", "force_y_N", "force_z_N")
     pairs = [(name, getattr(before, name), getattr(after, name)) for name in names]
     size = weighed(before) + weighed(after)
@@ -157,7 +157,7 @@ def _question(what: str, how: str, before: Load, after: Load) -> str:
 
 
 def _slips(witness: Witness, which: Sequence[int], log_prior: float) -> Iterator[_Mistake]:
-    """Units, signs and axes of some rows."""
+    """Hypotheses of units, signs and axes of some rows."""
     loads = dict(witness.loads)
     count, length_m = len(loads), witness.problem.length_m
     rows = [(list(loads).index(index), loads[index]) for index in which]
@@ -203,7 +203,7 @@ def _slips(witness: Witness, which: Sequence[int], log_prior: float) -> Iterator
 
 
 def _one_load(witness: Witness, s: SessionSettings, index: int, less: float) -> Iterator[_Mistake]:
-    """Place and force of one load."""
+    """Hypotheses of the distance and force of one load."""
     name, load, length_m = (
         name_of(witness.problem.observations, index),
         dict(witness.loads)[index],
@@ -256,7 +256,7 @@ def _one_load(witness: Witness, s: SessionSettings, index: int, less: float) -> 
 
 
 def _exchanges(witness: Witness, s: SessionSettings, suspects: Sequence[int]) -> Iterator[_Mistake]:
-    """Weights, places or pictures of two loads."""
+    """Hypotheses of exchanged weights, distances or pictures of two loads."""
     loads, observations = dict(witness.loads), witness.problem.observations
     pairs = [pair for pair in combinations(loads, 2) if set(pair) & set(suspects)]
     less = float(np.log(max(len(pairs), 1)))
@@ -306,7 +306,7 @@ def _exchanges(witness: Witness, s: SessionSettings, suspects: Sequence[int]) ->
 
 
 def _all_loads(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
-    """What all loads have in common."""
+    """Hypotheses of errors common to all loads."""
     which, length_m = [index for index, _ in witness.loads], witness.problem.length_m
     if not which:
         return
@@ -343,7 +343,7 @@ def _all_loads(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
 
 
 def _materials(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
-    """Another modulus, density or diameter."""
+    """Hypotheses of another modulus, density or diameter."""
     nominal = witness.session.antenna
 
     def other(problem: Problem, v: np.ndarray) -> Problem:
@@ -387,7 +387,7 @@ def _always(diagnosis: Diagnosis, fit: RigFit) -> Diagnosis:
 
 
 def _gravity(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
-    """Where gravity points, and what the joints read."""
+    """Hypotheses of gravity's direction, and of the joints' readings."""
     kinematics, world = witness.kinematics, witness.session.gravity_world_m_s2
     frames = [one.still for one in witness.problem.observations]
     noted = np.array([one.gravity_m_s2 for one in witness.problem.observations])
@@ -471,7 +471,8 @@ def _gravity(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
 
 
 def _changed(which: list[int], kept: np.ndarray) -> Alteration:
-    """The antenna's parameters `which` differ by the values in observations of true `kept` (F,)."""
+    """An alteration by which the antenna's parameters `which` differ by the values in the observations where `kept`
+    (F,)."""
 
     def alter(problem: Problem, v: np.ndarray) -> Problem:
         changes = np.zeros((len(kept), len(PARAMETERS))) if problem.changes is None else problem.changes.copy()
@@ -487,7 +488,7 @@ def _pair(fit: RigFit, factor: float, unit: str) -> str:
 
 
 def _since(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
-    """A clamp that slipped, or an antenna that was bent, between two pictures."""
+    """Hypotheses of a clamp that slipped, or an antenna that was bent, between two pictures."""
     observations = witness.problem.observations
     times = [one.still.time_s for one in observations]
     order = list(range(len(times)))
@@ -537,7 +538,7 @@ def _since(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
 
 
 def _antenna(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
-    """Bow, soft clamp, and a whisker that is not the same all along or all round."""
+    """Hypotheses of bow, a compliant clamp, and a whisker that is not uniform along or around itself."""
     length, loaded = witness.problem.length_m, bool(witness.loads)
 
     def shifted(which: Sequence[int]) -> Alteration:
@@ -585,7 +586,7 @@ def _antenna(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
     )
 
     def changes(softer: float) -> Diagnosis:
-        """softer : half way to its tip than at its clamp."""
+        """The alteration by a compliance that varies along the antenna; softer : towards its tip."""
         side, ratio = "softer" if softer > 1.0 else "stiffer", max(softer, 1.0 / softer)
         words = f"the antenna is about {ratio:.1f} times {side} half way to its tip than"
         if witness.problem.prior.taper:
@@ -632,7 +633,7 @@ def _uneven(problem: Problem, by: Sequence[float]) -> np.ndarray:
 
 
 def _touched(witness: Witness, s: SessionSettings, index: int, less: float) -> Iterator[_Mistake]:
-    """A no-load frame in which something pushes the antenna."""
+    """Hypothesis of a no-load frame in which something pushes the antenna."""
     length, observations = witness.problem.length_m, witness.problem.observations
     stiffness = float(np.exp(witness.problem.prior.mean[6]))
     frame = observations[index].still
@@ -660,7 +661,7 @@ def _touched(witness: Witness, s: SessionSettings, index: int, less: float) -> I
 
 
 def _left_out(witness: Witness, s: SessionSettings, index: int) -> _Mistake:
-    """A picture that contradicts all others for no reason that is known."""
+    """Hypothesis of a picture that contradicts all others for an unknown reason."""
     observations = witness.problem.observations
 
     def alter(problem: Problem, v: np.ndarray) -> Problem:
@@ -689,7 +690,7 @@ _TABLE: tuple[Callable[[Witness, SessionSettings], Iterator[_Mistake]], ...] = (
 
 
 def _single(witness: Witness, s: SessionSettings, reported: float) -> Iterator[_Mistake]:
-    """Mistakes in single rows and pictures, of those that fit better without."""
+    """Hypotheses of mistakes in single rows and pictures, among those without which the fit improves."""
     observations = witness.problem.observations
     suspects, gross = [], witness.reported is None or witness.reported.scale > s.gross
     for index in range(len(observations)):
@@ -713,7 +714,7 @@ def _single(witness: Witness, s: SessionSettings, reported: float) -> Iterator[_
 def _explanations(
     witness: Witness, s: SessionSettings = SETTINGS, least: float = DecisionSettings().least_log_odds
 ) -> Iterator[Explanation[Witness]]:
-    """What would explain the pictures better than the reports do, with its log odds."""
+    """Explanations that fit the pictures better than the reports do, with their log odds."""
     reported = witness.reported
     base = -1e6 if reported is None else reported.log_likelihood
     excess = -base - witness.settings.usual_cost * len(witness.problem.observations)
@@ -744,7 +745,7 @@ def _explanations(
 
 
 def _moments_of(witness: Witness, fit: RigFit) -> float:
-    """Log likelihood of the moment sensor's readings, whatever its sign, unit, zero and noise are."""
+    """Log likelihood of the moment sensor's readings with any sign, unit, zero and noise."""
     readings = witness.moments(fit)
     if len(readings.read) < 4 or not np.isfinite(readings.read).all():
         return 0.0
@@ -754,7 +755,7 @@ def _moments_of(witness: Witness, fit: RigFit) -> float:
 
 
 def _sensor_diagnoses(readings: MomentReadings, s: SessionSettings = SETTINGS) -> list[Diagnosis]:
-    """What is wrong with the moment sensor, the likeliest first."""
+    """Diagnoses of the moment sensor, the likeliest first."""
     seen = np.isfinite(readings.read).all() and np.ptp(readings.true) >= s.seen_std * readings.std_Nm
     if len(readings.read) < s.fewest or not seen:
         return []
@@ -762,8 +763,8 @@ def _sensor_diagnoses(readings: MomentReadings, s: SessionSettings = SETTINGS) -
 
 
 def still_diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjustment) -> list[Diagnosis]:
-    """What is wrong with a session's numbers, rows, antenna, clamp and moment sensor, the likeliest first; joint : of
-    all its pictures, from `solve_antenna`."""
+    """Diagnoses of a session's numbers, rows, antenna, clamp and moment sensor, the likeliest first. joint : the
+    solution from all its pictures, from `solve_antenna`."""
     try:
         return _session_diagnoses(session, kinematics, joint.noted, joint.problem.prior)
     except SolveError:
@@ -773,7 +774,7 @@ def still_diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjus
 def _session_diagnoses(
     session: Session, kinematics: Kinematics, observations: Sequence[Observation], before: Prior
 ) -> list[Diagnosis]:
-    """`still_diagnoses` of observations that need not have a common solution. Raises SolveError."""
+    """`still_diagnoses` for observations that may have no common solution. Raises SolveError."""
     witness = Witness.of(session, kinematics, observations, before)
     rounds, right = explained(witness, [_explanations])
     found = [joined(best) for best in rounds]
@@ -786,7 +787,7 @@ def _session_diagnoses(
 
 
 def with_cause(error: SolveError, causes: Sequence[Diagnosis]) -> SolveError | InputError:
-    """An error of `solve_antenna` with the likeliest of its `failure_causes`, or that none is found."""
+    """An error of `solve_antenna` with the likeliest of its `failure_causes`, or a note that none is found."""
     typed = [one for one in causes if one.name.startswith("load_")]
     if typed:
         return InputError(f"{error}. {typed[0].words}", remedy=typed[0].remedy)
@@ -801,7 +802,7 @@ def with_cause(error: SolveError, causes: Sequence[Diagnosis]) -> SolveError | I
 def failure_causes(
     session: Session, kinematics: Kinematics, observations: Sequence[Observation], before: Prior
 ) -> list[Diagnosis]:
-    """Likely causes of a calibration that raised. Raises nothing."""
+    """Likely causes of a calibration that raised an error. Raises nothing itself."""
     try:
         found = _session_diagnoses(session, kinematics, observations, before)
     except SolveError:

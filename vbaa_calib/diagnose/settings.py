@@ -1,4 +1,4 @@
-"""How sure a hypothesis about a session must be, how likely it is beforehand, and how large its values may be."""
+"""Thresholds and priors of hypotheses about a session, and the ranges of their values."""
 
 from __future__ import annotations
 

@@ -32,17 +32,17 @@ LENGTH_UNITS = (
 
 
 def weighed(load: Load) -> float:
-    """Size of a load's force, N."""
+    """Magnitude of a load's force, N."""
     return float(np.hypot(load.force_y_N, load.force_z_N))
 
 
 def _row_name(index: int, load: Load) -> str:
-    """Name of a row of loads.csv, its first load being row 1."""
+    """Name of a row of loads.csv, counted from 1."""
     return f"row {index + 1}" + (f" ({load.image.name})" if load.image else "")
 
 
 def rows_name(rows: Sequence[tuple[int, Load]], count: int = 0) -> str:
-    """Name of several rows of loads.csv, which has `count` loads; 0: unknown."""
+    """Name of several rows of loads.csv, which has `count` loads; 0 if that is unknown."""
     if len(rows) == count > 1:
         return f"all {count} rows of loads.csv"
     more = f" and {len(rows) - 4} more" if len(rows) > 4 else ""
@@ -52,7 +52,7 @@ def rows_name(rows: Sequence[tuple[int, Load]], count: int = 0) -> str:
 def typed_load_diagnoses(
     loads: Sequence[Load], antenna: NominalAntenna, steep_rad: float = 1.2, flat_rad: float = 1e-3
 ) -> list[Diagnosis]:
-    """Typed loads that are impossible by the nominal antenna alone.
+    """Diagnoses of typed loads that are impossible for the nominal antenna.
 
     steep_rad, flat_rad : slopes at the load, by the linear beam, that nobody bends an antenna by on purpose, and that
     no picture resolves well: a tenth of a millimetre at 150 mm.
@@ -69,13 +69,13 @@ def typed_load_diagnoses(
         found.append(Diagnosis("load_distance_unit", words, remedy, "wrong"))
 
     def slope_rad(row: tuple[int, Load]) -> float:
-        """At the load, by the linear beam: f·l²/2EI."""
+        """Slope at the load by the linear beam: f·l²/2EI."""
         at_m = row[1].distance_m
         softer = float(antenna.taper.turning(np.array(at_m / length_m)))
         return weighed(row[1]) * at_m**2 * softer / (2.0 * antenna.stiffness_Nm2)
 
     def described(row: tuple[int, Load], which: Sequence[tuple[int, Load]], digits: str) -> tuple[str, float]:
-        """The rows' name with one of them, and how far its tip would move, mm."""
+        """The rows' name with one of them, and the predicted displacement of its tip, mm."""
         load, tip_mm = row[1], 1e3 * slope_rad(row) * (length_m - row[1].distance_m / 3)
         name = rows_name(which, len(rows))
         return f"{name}: {weighed(load):.4g} N at {1e3 * load.distance_m:{digits}} mm would", tip_mm

@@ -1,4 +1,4 @@
-"""The pictures of a session as a witness: how well a rig under altered reports explains them."""
+"""The pictures of a session as a witness: the fit of a rig under altered reports."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _RULES = Rules(iterations=80, standstill=0.02, takes_last=True, may_rise=1e-3)
 
 @dataclass(frozen=True, eq=False)
 class RigFit:
-    """A rig that explains the pictures best, under altered reports.
+    """The rig that explains the pictures best under altered reports.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class RigFit:
 
     @property
     def prior_cost(self) -> float:
-        """Nats by which it is off what was known before the pictures."""
+        """Negative log prior, nats, of the fitted parameters relative to the prior mean."""
         own = self.solution.residuals[len(self.solution.residuals) - self.solution.certain :]
         return 0.5 * float(own @ own)
 
@@ -71,9 +71,9 @@ class RigFit:
 
 
 def _condensed(problem: Problem, parameters: np.ndarray, settings: SessionSettings = SETTINGS) -> Problem:
-    """The same with few points for each picture, which say all that a smooth curve can: values, at Gauss' nodes, of the
-    polynomial through the points' distances from a curve near them, which is the antenna of these parameters as it is
-    reported to be loaded, or without a load. They are independent, and have the pictures' own scatter."""
+    """The problem with few points for each picture that carry the same information on a smooth curve: values at
+    Gauss nodes of the polynomial through the points' distances from a nearby curve, the antenna with these
+    parameters under its reported load. They are independent and have the pictures' own scatter."""
     count = settings.points
     nodes, weights = legendre.leggauss(count)
     view = problem.pose(parameters).inverse()
@@ -102,7 +102,7 @@ def _without_load(frame: Still) -> Still:
 
 @dataclass(frozen=True, eq=False)
 class _Distances:
-    """Distances of a picture's N points from a curve, over their standard deviations, at places t in −1 to 1."""
+    """Distances of a picture's N points from a curve, in standard deviations, at places t from −1 to 1."""
 
     seen: SeenPoints
     normals: np.ndarray  # (N, 2) one standard deviation long
@@ -131,7 +131,7 @@ class _Distances:
         return _Distances(seen, normal * std[:, None], t, found, left, mad_std(left))
 
     def at(self, nodes: np.ndarray, std: np.ndarray) -> SeenPoints:
-        """The points nearest to the nodes, moved to the polynomial, with other standard deviations."""
+        """The points nearest to the nodes, moved onto the polynomial, with other standard deviations."""
         if self.smooth is None:
             some = self.seen.picked(np.linspace(0.0, len(self.t) - 1.0, len(nodes)).round().astype(int))
             return replace(some, covariance=some.covariance * len(nodes) / len(self.t))
@@ -142,18 +142,18 @@ class _Distances:
 
 
 def _squares(residuals: np.ndarray) -> np.ndarray:
-    """(F,) of each picture, from residuals (F·points,)."""
+    """(F,) sums of squares of each picture, from residuals (F·points,)."""
     return np.asarray((residuals.reshape(-1, SETTINGS.points) ** 2).sum(axis=1))
 
 
 def _losses(residuals: np.ndarray) -> np.ndarray:
-    """(F,) of pictures with Student's errors, in common for all points of one."""
+    """(F,) losses of pictures by Student's t with a scale common to all points of one."""
     freedom, points = SETTINGS.picture_freedom, SETTINGS.points
     return 0.5 * (freedom + points) * np.log1p(_squares(residuals) / freedom)
 
 
 def _weights(residuals: np.ndarray) -> np.ndarray:
-    """(F·points,) weights that make the robust loss a least-squares one."""
+    """(F·points,) weights that turn the robust loss into least squares."""
     freedom, points = SETTINGS.picture_freedom, SETTINGS.points
     return np.repeat((freedom + points) / (freedom + _squares(residuals)), points)
 
@@ -193,13 +193,13 @@ def _with_tips(problem: Problem, camera: Camera) -> Problem:
 
 
 def _scatter(now: Linearised) -> float:
-    """Scatter of the points of most pictures, over their own."""
+    """Ratio of the scatter of most pictures' points to their standard deviations."""
     return float(np.sqrt(np.median(_squares(now.residuals[: len(now.residuals) - now.certain])) / SETTINGS.points))
 
 
 @dataclass(frozen=True, eq=False)
 class Witness:
-    """A session's reports, and its pictures.
+    """A session's reports, with its pictures as evidence.
 
     whole : the reports, the moment sensor left out. problem : with its pictures condensed.
     moment_std_Nm : of that sensor. before : what was known before, the sensor included.
@@ -223,7 +223,7 @@ class Witness:
         before: Prior,
         settings: SessionSettings = SETTINGS,
     ) -> Witness:
-        """Of observations as they were reported. Raises SolveError."""
+        """The witness of observations as reported. Raises SolveError."""
         prior_std = before.std.copy()
         prior_std[6] = min(prior_std[6], settings.log_stiffness_std)
         std_Nm = session.moment_std_Nm
@@ -253,19 +253,19 @@ class Witness:
         return witness
 
     def applied(self, alter: Alteration, fit: RigFit) -> Witness:
-        """With the mistake of a fit put right."""
+        """The witness with a fitted mistake corrected."""
         whole = alter(self.whole, fit.values)
         starts = (fit.parameters, *self.starts[1:])
         return replace(self, whole=whole, problem=_condensed(whole, fit.parameters, self.settings), starts=starts)
 
     @property
     def loads(self) -> list[tuple[int, Load]]:
-        """The known loads, with which observations they are."""
+        """The known loads, with the indices of their observations."""
         return [(i, one.still) for i, one in enumerate(self.problem.observations) if isinstance(one.still, Load)]
 
     @cached_property
     def reported(self) -> RigFit | None:
-        """All as reported."""
+        """The fit with everything as reported."""
         found = self.fit()
         if found is None or found.scale < self.settings.gross:
             return found
@@ -279,9 +279,9 @@ class Witness:
         at: np.ndarray | None = None,
         least: float = -np.inf,
     ) -> RigFit | None:
-        """The rig that explains the pictures best under an alteration with values N(0, prior_std²); None where
-        none has a shape. at : parameters and values to begin with, as `forecast` has them. least : log likelihood that
-        is of interest; the descent is broken off where it does not lead there."""
+        """The rig that explains the pictures best under an alteration with values N(0, prior_std²); None where it
+        gives no shape. at : initial parameters and values, as from `forecast`. least : smallest log likelihood of
+        interest; the minimisation is broken off where it does not lead there."""
         std = np.array(prior_std, float)
         begin = [np.append(one, 0.0 * std) for one in self.starts]
         begin += [] if at is None else [at]
@@ -315,7 +315,7 @@ class Witness:
         return RigFit(alter(self.problem, values), now.parameters[:count], values, own, _scatter(now), likelihood, now)
 
     def _cost(self, now: Linearised) -> float:
-        """Negative logarithm of the likelihood."""
+        """Negative log likelihood."""
         missing = len(self.problem.kept) - (len(now.residuals) - now.certain) // self.settings.points
         cost = now.cost + self.settings.left_out * missing
         return float(cost) if np.isfinite(cost) else np.inf
@@ -338,7 +338,7 @@ class Witness:
         return _with_values(linearised, columns, values, std)
 
     def _columns(self, alter: Alteration, std: np.ndarray, at: np.ndarray, misfits: np.ndarray) -> list[np.ndarray]:
-        """Slopes (R,) of the misfits by each of the values."""
+        """Derivatives (R,) of the misfits by each of the values."""
         count, found = len(at) - len(std), []
         for index, own in enumerate(std):
             values = at[count:].copy()
@@ -353,8 +353,8 @@ class Witness:
         roughly: bool = False,
         slopes: Callable[[np.ndarray], np.ndarray] | None = None,
     ) -> tuple[float, np.ndarray]:
-        """The log likelihood that `fit` would find, to first order, and the parameters and values where; −inf where the
-        altered antenna has no shape.
+        """First-order prediction of the log likelihood that `fit` would find, with the parameters and values there;
+        −inf where the altered antenna has no shape.
 
         roughly : with the slopes as they are without the alteration. slopes : of a Jacobian (R, 17 + P + K), those
         (R, K) of the values; None: by differences.
@@ -372,7 +372,7 @@ class Witness:
         return max(found, key=lambda one: one[0], default=(-np.inf, np.zeros(0)))
 
     def _stepped(self, now: Linearised, std: np.ndarray) -> tuple[float, np.ndarray]:
-        """Log likelihood and parameters at the least cost, to first order."""
+        """Log likelihood and parameters at the minimum, to first order."""
         after, count = now, len(now.residuals) - now.certain
         for _ in range(self.settings.rounds):
             weighted = _weighted(now, _weights(after.residuals[:count]))
@@ -386,12 +386,12 @@ class Witness:
 
     @cached_property
     def _begun(self) -> list[Linearised]:
-        """All as reported at each of the starts."""
+        """The problem as reported, linearised at each of the initial values."""
         every = (self._evaluated(lambda problem, values: problem, np.zeros(0), start) for start in self.starts)
         return [one for one in every if one is not None]
 
     def _misfit(self, alter: Alteration, values: np.ndarray, parameters: np.ndarray) -> float:
-        """Loss of the pictures and priors under an alteration, at parameters."""
+        """Loss of the pictures and priors under an alteration, at some parameters."""
         try:
             problem = alter(self.problem, values)
             off = problem.misfits(parameters)
@@ -408,8 +408,8 @@ class Witness:
         std: np.ndarray,
         slopes: Callable[[np.ndarray], np.ndarray] | None,
     ) -> Linearised | None:
-        """The reports at some parameters with the values of an alteration, zero there, among them; without values, with
-        the alteration's misfits."""
+        """The linearised problem as reported, with the values of an alteration (zero there) as further parameters;
+        without values, with the alteration's misfits."""
         none, at = 0.0 * std, np.append(now.parameters, 0.0 * std)
         try:
             if not len(std):
@@ -422,7 +422,8 @@ class Witness:
         return _with_values(replace(now, parameters=at), columns, none, std)
 
     def channels(self, fit: RigFit) -> dict[str, MomentReadings]:
-        """What each channel of a wrench sensor reads, and what a fit predicts of a sensor in its stated place."""
+        """The readings of each channel of a wrench sensor, and a fit's prediction of them for the sensor in its
+        stated place."""
         sensor, before = self.session.wrench_sensor, self.before
         if sensor is None or before.sensor is None:
             return {}
@@ -454,7 +455,7 @@ class Witness:
         return found
 
     def moments(self, fit: RigFit) -> MomentReadings:
-        """The moment sensor's readings, and what a fit predicts."""
+        """The moment sensor's readings, and a fit's prediction of them."""
         if READINGS["my"] in (channels := self.channels(fit)):
             return channels[READINGS["my"]]
         problem, observations = replace(fit.problem, moment_std_Nm=self.moment_std_Nm), fit.problem.observations
@@ -487,7 +488,7 @@ class Witness:
 
 
 def _about_z(curves: Curves, observations: Sequence[Observation], parameters: np.ndarray) -> np.ndarray:
-    """(F,) x·f_y − y·f_x of force and weight about the antenna frame's z."""
+    """(F,) moments x·f_y − y·f_x of force and weight about the antenna frame's z."""
     points, step = curves.points_m, np.diff(curves.arclength_m)
     middle = np.einsum("fn,fni->fi", step, 0.5 * (points[:, 1:] + points[:, :-1]))
     weight = np.exp(parameters[13]) * np.array([one.gravity_m_s2 for one in observations])
@@ -497,7 +498,7 @@ def _about_z(curves: Curves, observations: Sequence[Observation], parameters: np
 
 
 def name_of(observations: Sequence[Observation], index: int) -> str:
-    """Name of an observation: its row of its table, and its picture."""
+    """Name of an observation: its table, row and picture."""
     frame = observations[index].still
     loaded = isinstance(frame, Load)
     row = 1 + sum(isinstance(one.still, Load) == loaded for one in observations[:index])

@@ -1,1 +1,1 @@
-"""The antenna in a picture."""
+"""Detection of the antenna in a picture."""

@@ -1,4 +1,4 @@
-"""Acceptance: whether fitted profiles show the antenna, what of it is seen or hidden, and where it ends."""
+"""Acceptance of fitted profiles as the antenna; which parts are visible or hidden, and where it ends."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ LEAST_POINTS = 12
 
 
 class Evidence(NamedTuple):
-    """What a measured line looks like, beyond what its centreline says.
+    """Properties of a measured line in addition to its centreline.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ def accepted(line: Centreline, evidence: Evidence) -> Centreline:
 
 
 def best_of(lines: Sequence[Centreline], width_px: float, alike: float = OTHER_LINE_SEEN) -> Centreline:
-    """One centreline out of those along the best path and along the others, best first.
+    """One centreline from those along the best path and along the others, best first.
 
     It is ambiguous where of another so much is seen, over what is seen of the first.
     """
@@ -88,7 +88,8 @@ def best_of(lines: Sequence[Centreline], width_px: float, alike: float = OTHER_L
 
 
 def decided(line: Centreline, expected_px: np.ndarray) -> Centreline:
-    """The same; of two lines that could be the antenna, the first one where it alone lies about as expected, (K, 2).
+    """The centreline; where two lines could be the antenna, the first one if it alone lies near the expected one (K,
+    2).
 
     expected_px : from the picture before, or from what is known of the rig; it may be empty.
     """
@@ -100,7 +101,7 @@ def decided(line: Centreline, expected_px: np.ndarray) -> Centreline:
 
 
 def reject_faint(line: Centreline, usual_height: float) -> Centreline:
-    """The centreline, with another verdict where it is too faint: blur lowers a line and broadens it alike."""
+    """The centreline, rejected where it is too faint: blur lowers a line as much as it broadens it."""
     if line.found and line.amplitude * max(line.breadth, 1.0) < FAINT * usual_height:
         share = 100.0 * line.amplitude / usual_height
         return line.with_verdict(
@@ -117,12 +118,12 @@ def _differ(one: Centreline, other: Centreline, width_px: float) -> bool:
 
 
 def _mean_distance(polyline: np.ndarray, points: np.ndarray) -> float:
-    """Of points (N, 2) from the nearest ones of a polyline (K, 2)."""
+    """Mean distance of points (N, 2) from the nearest ones of a polyline (K, 2)."""
     return float(np.hypot(*(points - polyline[offsets_from(polyline, points)[0]]).T).mean())
 
 
 def _doubt(line: Centreline, look: Evidence) -> tuple[Verdict, str] | None:
-    """Why a line is no antenna, or not enough of one; None where nothing speaks against it."""
+    """The reason why a line is no antenna, or not enough of one; None where nothing contradicts it."""
     seen, inside, breadth, changing = line.seen, max(look.inside, 1e-9), line.breadth, look.changing
     contrast = line.amplitude / max(line.noise, 1e-9)
     share = f"{100 * seen:.0f} % of its length seen"

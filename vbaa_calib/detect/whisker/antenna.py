@@ -1,4 +1,4 @@
-"""The antenna in a picture, found from what is known of the free antenna."""
+"""Detection of the antenna in a picture, from the predicted free antenna."""
 
 from __future__ import annotations
 
@@ -24,22 +24,21 @@ LEAST_AXIS, LEAST_LENGTH_PX = 4, 10.0
 
 
 def free_curve(parameters: np.ndarray, length_m: float, gravity_m_s2: np.ndarray, taper: Taper = UNIFORM) -> Curves:
-    """The free antenna under its weight: parameters (9,), gravity (3,) antenna frame; a batch of one."""
+    """The free antenna under its weight, as a batch of one: parameters (9,), gravity (3,) antenna frame."""
     middle, nothing = np.array([0.5 * length_m]), np.zeros((1, 2))
     return bend(parameters[None], length_m, gravity_m_s2[None], middle, nothing, taper=taper)
 
 
 def pixels(camera: Camera, T_camera_antenna: Pose, points_m: np.ndarray) -> np.ndarray:
-    """(M, 2) pixels of a shape's points (M, 3), antenna frame, as far as they may be `followed`; points that the lens
-    cannot show are left out."""
+    """(M, 2) pixels of a shape's points (M, 3), antenna frame, within the range of `followed`; points that the lens
+    cannot project are left out."""
     projected, valid = camera.project(T_camera_antenna @ points_m)
     return followed(projected[valid], camera.image_size)
 
 
 def width_px(camera: Camera, T_camera_antenna: Pose, points_m: np.ndarray, diameter_m: float) -> float:
-    """The antenna's width in the picture, halfway along its points (N, 3), antenna frame; where it is so near that it
-    becomes much thinner, the mean of its ends. 0 where the camera does not see it there, and no more than the picture's
-    shorter side."""
+    """The antenna's width in the picture, px, halfway along its points (N, 3), antenna frame; for a strong change of
+    depth the mean of its ends. 0 where the camera does not see it there, and at most the picture's shorter side."""
     nearness, halfway = _nearness(T_camera_antenna, points_m)
     if not halfway > 0.0:
         return 0.0
@@ -48,8 +47,8 @@ def width_px(camera: Camera, T_camera_antenna: Pose, points_m: np.ndarray, diame
 
 
 def _nearness(T_camera_antenna: Pose, points_m: np.ndarray) -> tuple[np.ndarray | None, float]:
-    """(2,) one over the depths of the clamp and the tip of points (N, 3), None where they are about the same: the width
-    that profiles show is learnt then; and that halfway, 0 behind the camera."""
+    """(2,) reciprocal depths of the clamp and the tip of points (N, 3), and that halfway, 0 behind the camera; None
+    for the former where they are about the same, so that the width is learnt from profiles."""
     depth = (T_camera_antenna @ points_m[[0, len(points_m) // 2, -1]])[:, 2]
     if not depth[1] > 0.0:
         return None, 0.0
@@ -66,7 +65,8 @@ def corridor(
     reach: float = REACH_PER_LENGTH,
     taper: Taper = UNIFORM,
 ) -> Corridor:
-    """Where in the picture an antenna of known free shape may be: by `reach` of the way from the clamp to either side.
+    """The corridor of possible antennas of known free shape in the picture, which extends by `reach` of the way from
+    the clamp to either side.
 
     diameter_m : at its clamp, from where it changes by the taper.
     """
@@ -80,7 +80,7 @@ def corridor(
 
 
 def finder(where: Corridor, camera: Camera, alike: AntennaFinder | None = None) -> AntennaFinder | None:
-    """The antenna's finder in a corridor of this camera's pictures; None where too little of it is in view.
+    """The antenna's detector in a corridor of this camera's pictures; None where too little of it is in view.
 
     alike : the finder of a similar corridor, to take its paths.
     """
@@ -94,8 +94,8 @@ def _shows(where: Corridor) -> bool:
 
 
 def same_paths_m_s2(where: Corridor, parameters: np.ndarray, length_m: float, taper: Taper = UNIFORM) -> float:
-    """The step of gravity within which the same paths will do: it moves the free antenna's tip by half of what lies
-    between two paths. To table them takes ten times as long as all else."""
+    """Resolution of gravity within which the same search paths are used: it moves the free antenna's tip by half the
+    distance between two paths. Tabulating these takes ten times as long as everything else."""
     if not _shows(where):
         return 0.0
     _, spacing_px = sampled_axis(where)
@@ -106,7 +106,7 @@ def same_paths_m_s2(where: Corridor, parameters: np.ndarray, length_m: float, ta
 
 
 def _find(image: np.ndarray, where: Corridor, bright: bool | None = True) -> Centreline:
-    """The centreline in an (H, W) picture; for many pictures make one `AntennaFinder` and use it for all."""
+    """The centreline in an (H, W) picture; for many pictures use one `AntennaFinder`."""
     if not _shows(where):
         return NOTHING
     return AntennaFinder.prepare(where, (image.shape[1], image.shape[0])).find(image, bright)

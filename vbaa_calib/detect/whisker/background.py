@@ -43,12 +43,12 @@ class Background:
     scatter: np.ndarray | None = None
 
     def behind(self, image: np.ndarray) -> np.ndarray | None:
-        """(H, W) float32: the background moved and scaled to lie behind a picture; None where it does not."""
+        """(H, W) float32 background shifted and scaled to match a picture; None where it does not match."""
         fitted = self._fitted(image)
         return None if fitted is None else np.asarray(fitted[0] * _moved(self.grey, fitted[1]))
 
     def detail_over_scatter(self, where: np.ndarray) -> float:
-        """Ratio of the background's detail to its scatter, over the known pixels of the mask `where` (H, W)."""
+        """Ratio of the background's detail to its scatter over the known pixels of the mask `where` (H, W)."""
         if self.scatter is None:
             return 0.0
         known = where & np.isfinite(self.scatter)
@@ -69,7 +69,7 @@ class Background:
         return np.stack([u, v], axis=1)[::every].astype(np.float32), detail
 
     def _fitted(self, image: np.ndarray, least: float = LEAST_CORRELATION) -> tuple[float, np.ndarray] | None:
-        """Gain and shift (2,) px that fit the background to a picture, whatever stands before it."""
+        """Gain and shift (2,) px that fit the background to a picture, robust to objects in front of it."""
         at, detail = self._marks
         if len(at) < 50:
             return None
@@ -80,7 +80,7 @@ class Background:
         return found or self._near(seen, np.array(cv2.phaseCorrelate(detail, whole)[0]), least)
 
     def _near(self, seen: np.ndarray, shift: np.ndarray, least: float) -> tuple[float, np.ndarray] | None:
-        """The same, starting from a shift (2,), by the picture's detail (M,) in the marked pixels."""
+        """Gain and shift fitted from an initial shift (2,), by the picture's detail (M,) at the marked pixels."""
         (at, detail), gain = self._marks, 1.0
         for _ in range(ROUNDS):
             here, right, down = (_at(detail, at - shift + step) for step in ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5)))
@@ -106,7 +106,7 @@ class Background:
 
 
 def learn(images: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> Background | None:
-    """The static background of pictures (H, W): their median without what is `covered` (masks).
+    """The static background of pictures (H, W): their median outside the `covered` masks.
 
     Pixels that are always covered are interpolated across the antenna. None if too few pictures show the same scene.
     """
@@ -132,7 +132,7 @@ def _fits(ground: Background, images: Sequence[np.ndarray], least: float) -> lis
 
 
 def _median(images: Sequence[np.ndarray], masks: Sequence[np.ndarray], fits: list[_Fit]) -> Background:
-    """The median of pictures that fit, moved onto one another, of what is not covered (masks, 255 where it is)."""
+    """The median of matching pictures, aligned with each other, outside the masks (255 where covered)."""
     several = np.empty((len(fits), *images[0].shape), np.float32)
     gains = np.array([gain for _, gain, _ in fits])
     for own, (index, gain, shift) in zip(several, fits, strict=True):
@@ -150,7 +150,7 @@ def _median(images: Sequence[np.ndarray], masks: Sequence[np.ndarray], fits: lis
 
 
 def covered(line: Centreline, shape: tuple[int, ...], width_px: float) -> np.ndarray:
-    """(H, W) uint8, 255 where an antenna, found or supposed, covers a picture, generously."""
+    """(H, W) uint8 mask, 255 where a detected or assumed antenna covers a picture, with a wide margin."""
     mask = np.zeros(shape, np.uint8)
     if len(line.guide_px) >= 2:
         path = np.round(np.clip(line.guide_px, -8e3, 8e3)).astype(np.int32).reshape(-1, 1, 2)
@@ -159,7 +159,7 @@ def covered(line: Centreline, shape: tuple[int, ...], width_px: float) -> np.nda
 
 
 def evened(image: np.ndarray, behind: np.ndarray, line: Centreline, width_px: float) -> np.ndarray:
-    """(H, W) float32 picture less its background; on the found antenna less the background's local mean.
+    """(H, W) float32 picture less its background; on the detected antenna less the background's local mean.
 
     An opaque antenna over an uneven background would otherwise get a lopsided profile, which biases its centreline.
     """
@@ -180,7 +180,7 @@ def evened(image: np.ndarray, behind: np.ndarray, line: Centreline, width_px: fl
 
 
 def _filled(grey: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """The picture (H, W) with what is not known filled in from around it, without a step at its border."""
+    """The picture (H, W) with unknown pixels filled in smoothly from their surroundings."""
     reach = 2 * int(cv2.distanceTransform((~known).astype(np.uint8), cv2.DIST_L2, 5).max()) + 2 * _FADE_PX + 1
     around = cv2.blur(grey.astype(np.float32), (reach, reach))
     share = cv2.blur(known.astype(np.float32), (reach, reach))
@@ -194,7 +194,7 @@ def _detail(grey: np.ndarray, fine_px: float) -> np.ndarray:
 
 
 def _at(values: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """(M,) values (H, W) at places (M, 2), u and v."""
+    """(M,) values at places (M, 2), u and v, of an array (H, W)."""
     u, v = (places[:, axis].astype(np.float32)[:, None] for axis in (0, 1))
     return cv2.remap(values, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).ravel().astype(float)
 

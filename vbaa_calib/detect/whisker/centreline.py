@@ -1,4 +1,4 @@
-"""What was seen of the antenna in one picture: the result of `antenna.find`, with its verdict in words."""
+"""The detected antenna in one picture: the result of `antenna.find`, with its verdict in words."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ EndKind = Literal["tip", "hidden", "border", "unsure", "none"]
 
 
 class Visibility(IntEnum):
-    """What was seen at one place along the guide."""
+    """Visibility of the antenna at one place along the guide."""
 
     SEEN = 0
     """The antenna was measured here."""
@@ -89,17 +89,17 @@ class Centreline:
 
     @property
     def likely(self) -> float:
-        """Part of the line that is seen with near certainty."""
+        """Share of the line that is seen with near certainty."""
         return self.seen * self.sure
 
     def stretches(self, visibility: Visibility) -> list[np.ndarray]:
-        """Pieces (M, 2) of the guide, M ≥ 2, that have this visibility."""
+        """Pieces (M, 2) of the guide, M ≥ 2, with this visibility."""
         here = np.flatnonzero(np.asarray(self.visibility) == visibility)
         pieces = np.split(here, np.flatnonzero(np.diff(here) > 1) + 1)
         return [self.guide_px[piece] for piece in pieces if len(piece) >= 2]
 
     def only(self, own: np.ndarray) -> Centreline:
-        """The same centreline with those of its points (N,) alone that are its own; it counts as hidden elsewhere."""
+        """The centreline with only the points of the mask `own` (N,); it counts as hidden elsewhere."""
         if own.all():
             return self
         visibility = self.visibility.copy()
@@ -118,7 +118,7 @@ class Centreline:
         )
 
     def doubted(self, doubt_px: np.ndarray | float) -> Centreline:
-        """The same centreline with deviations that are larger by so much, (N,) or alike, which all its points share."""
+        """The centreline with standard deviations increased by an error, (N,) or one, that all its points share."""
         shared = doubt_px * np.sqrt(np.count_nonzero(doubt_px * np.ones(len(self.points_px))))
         if not np.any(doubt_px):
             return self
@@ -127,7 +127,7 @@ class Centreline:
         )
 
     def with_verdict(self, verdict: Verdict, reason: str, other_line_px: np.ndarray | None = None) -> Centreline:
-        """The same centreline with another verdict."""
+        """The centreline with another verdict."""
         return replace(
             self, verdict=verdict, reason=reason, other_line_px=_no_points() if other_line_px is None else other_line_px
         )

@@ -17,5 +17,5 @@ def coloured(image: np.ndarray) -> bool:
 
 
 def channels(image: np.ndarray) -> tuple[np.ndarray, float]:
-    """A picture (H, W[, 3]) as (H, W, 1 or more), and how many of its levels are one of 8 bits."""
+    """A picture (H, W[, 3]) as (H, W, 1 or more), and the number of its grey levels that make one of 8 bits."""
     return image if image.ndim == 3 else image[..., None], 257.0 if image.dtype == np.uint16 else 1.0

@@ -1,4 +1,4 @@
-"""Where in the picture the antenna can be, and in which shapes."""
+"""Possible places and shapes of the antenna in the picture."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ there may falsify it, over its turn: less for a line of either polarity."""
 
 @dataclass(frozen=True, eq=False)
 class FreeShape:
-    """The free antenna in space, and the camera that sees it.
+    """The free antenna in space, with the camera that sees it.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class FreeShape:
 
     @staticmethod
     def of(camera: Camera, points_m: np.ndarray) -> FreeShape:
-        """Of points (K, 3) from clamp to tip in the camera frame."""
+        """The free shape from points (K, 3) from clamp to tip in the camera frame."""
         along = np.append(0.0, np.linalg.norm(np.diff(points_m, axis=0), axis=1).cumsum())
         at = np.linspace(0.0, along[-1], SHAPE_SEGMENTS + 1)
         points = np.stack([np.interp(at, along, values) for values in points_m.T], axis=1)
@@ -67,18 +67,18 @@ class FreeShape:
 
     @cached_property
     def focal_px(self) -> float:
-        """Mean of both."""
+        """Mean focal length."""
         return 0.5 * float(self.camera.matrix[0, 0] + self.camera.matrix[1, 1])
 
     @property
     def clamp_px_per_m(self) -> float:
-        """How large what is at the clamp appears, unless it is seen aslant."""
+        """Magnification at the clamp, px per metre, for lengths perpendicular to the line of sight."""
         return self.focal_px / float(self.clamp_m[2])
 
     def misfit(
         self, points_px: np.ndarray, sigma_px: np.ndarray, allowed: tuple[float, float, float], enough: float
     ) -> float:
-        """`Corridor.misfit`, where so much is allowed of shape (px), clamp (px) and its turn (rad).
+        """`Corridor.misfit` with allowances for shape (px), clamp position (px) and clamp angle (rad).
 
         0 where the lens does not show enough of the points.
         """
@@ -89,7 +89,7 @@ class FreeShape:
         return float(core.search.nearest_shape(self, seen, variance, known, enough, STARTS)[0])
 
     def nearest(self, points_px: np.ndarray, sigma_px: np.ndarray, allowed: tuple[float, float, float]) -> np.ndarray:
-        """`Corridor.nearest`, where so much is allowed of shape (px), clamp (px) and its turn (rad)."""
+        """`Corridor.nearest` with allowances for shape (px), clamp position (px) and clamp angle (rad)."""
         seen, variance = self._shown(points_px, sigma_px, allowed[0])
         if len(seen) < LEAST_SHAPE_POINTS:
             return np.empty((0, 2))
@@ -111,7 +111,8 @@ class FreeShape:
         )
 
     def _shown(self, points_px: np.ndarray, sigma_px: np.ndarray, shape_px: float) -> tuple[np.ndarray, np.ndarray]:
-        """Means of runs of points that the lens shows, (M, 2) ideal normalized, and variances (M,) with the shape's."""
+        """Means of runs of points that the lens can back-project, (M, 2) ideal normalized coordinates, and their
+        variances (M,) including the shape's."""
         means, variance = core.search.means_of_runs(points_px, sigma_px, SHAPE_POINTS)
         seen, valid = self.camera.unproject_normalized(means)
         return seen[valid], (variance[valid] + shape_px**2) / self.focal_px**2
@@ -119,7 +120,7 @@ class FreeShape:
 
 @dataclass(frozen=True, eq=False)
 class Corridor:
-    """Where the antenna can be in the picture.
+    """The region of the picture in which the antenna can be.
 
     Attributes
     ----------
@@ -142,13 +143,14 @@ class Corridor:
     taper: float = 0.0
 
     def aside(self, points_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where points (N, 2) lie: along the axis, and along its normals, (N,) px."""
+        """Coordinates of points (N, 2) along the axis, and along its normals, (N,) px."""
         fine, along = resample(self.axis_px, 1.0)
         nearest, distance = offsets_from(fine, points_px)
         return along[nearest], distance
 
     def misfit(self, points_px: np.ndarray, sigma_px: np.ndarray, enough: float = 1.0) -> float:
-        """How far points (N, 2) of deviations (N,), from the clamp on, are from a shape that the antenna can take.
+        """Distance of points (N, 2), with standard deviations (N,), beginning at the clamp, from the nearest
+        possible antenna.
 
         The sum of the squares of offset and turn at the clamp and of the distance from the shape, over what is allowed
         each: more than 1 is no antenna. Points beyond the tip are as far off as they are from it. The shape is the free
@@ -160,15 +162,15 @@ class Corridor:
         return self.free.misfit(points_px, sigma_px, (self.shape_px, self.clamp_px, self.clamp_rad), enough)
 
     def nearest(self, points_px: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
-        """(K, 2) the shape that the antenna can take, bent laterally in the picture, that is nearest to points (N, 2)
-        of deviations (N,), of which some may be another thing's; (0, 2) where these are too few."""
+        """(K, 2) the possible antenna, bent laterally in the picture, that is nearest to points (N, 2) with standard
+        deviations (N,), some of which may be something else's; (0, 2) where there are too few."""
         assert self.shape_px is not None
         assert self.free is not None
         return self.free.nearest(points_px, sigma_px, (self.shape_px, self.clamp_px, self.clamp_rad))
 
 
 def _reject_beside_clamp(line: Centreline, where: Corridor, changing: bool) -> Centreline:
-    """The centreline, with another verdict where it does not leave the clamp along the free antenna.
+    """The centreline, rejected where it does not leave the clamp along the free antenna.
 
     A cantilever bends away from its free shape slowly; a cable or an edge that passes its clamp is straight there.
     """
@@ -196,7 +198,7 @@ def _reject_beside_clamp(line: Centreline, where: Corridor, changing: bool) -> C
 
 
 def of_antennas_shape(line: Centreline, where: Corridor, changing: bool) -> Centreline:
-    """The centreline, with another verdict where it is none that the antenna can take.
+    """The centreline, rejected where no antenna can have its shape.
 
     On a calibrated rig a line must be the free antenna bent by a force: a cable bends elsewhere than at the clamp, and
     a line that goes over to an object's edge has a kink. One that may be of either polarity (`changing`) fits more
@@ -220,7 +222,8 @@ def of_antennas_shape(line: Centreline, where: Corridor, changing: bool) -> Cent
 
 
 def less_sure(line: Centreline, where: Corridor) -> Centreline:
-    """The centreline, on a calibrated rig less sure by how much more than others its shape is not the antenna's."""
+    """The centreline, on a calibrated rig with standard deviations increased by the deviation of its shape from an
+    antenna's."""
     if where.shape_px is None or not line.found:
         return line
     misfit = where.misfit(line.points_px, line.sigma_px, USUAL_MISFIT)
@@ -228,7 +231,7 @@ def less_sure(line: Centreline, where: Corridor) -> Centreline:
 
 
 def better_shaped(line: Centreline, other: Centreline, where: Corridor) -> Centreline:
-    """Of two lines, the one that is seen more and more surely, and has more the shape of an antenna.
+    """The one of two lines that is more visible, more certain and shaped more like an antenna.
 
     Where the antenna is faint, one that goes on along a cable or an edge near it has a kink there.
     """

@@ -1,4 +1,5 @@
-"""Finds the antenna in pictures of one rig: its possible paths are tabled once, a search takes about a millisecond."""
+"""Detects the antenna in pictures of one rig: its possible paths are tabulated once, a search takes about a
+millisecond."""
 
 from __future__ import annotations
 
@@ -37,7 +38,7 @@ _LARGEST_TURN_RAD = 1.75
 
 @dataclass(frozen=True, eq=False)
 class AntennaFinder:
-    """Finds the antenna within a corridor, in pictures of one size; prepared once per rig.
+    """Detects the antenna within a corridor, in pictures of one size; prepared once per rig.
 
     Attributes
     ----------
@@ -66,7 +67,7 @@ class AntennaFinder:
 
     @staticmethod
     def prepare(corridor: Corridor, image_size: tuple[int, int]) -> AntennaFinder:
-        """Table the paths of a corridor."""
+        """The detector with the tabulated paths of a corridor."""
         paths, spacing = _templates(corridor)
         factor = int(np.clip(corridor.width_px / 2.5, 2, 12))
         pool = int(np.clip(np.ceil(0.5 * spacing / factor), 1, 4))
@@ -78,14 +79,14 @@ class AntennaFinder:
         return AntennaFinder(corridor, image_size, paths, spacing, factor, pool, reach, index, weight)
 
     def with_usual_height(self, usual_height: float) -> AntennaFinder:
-        """The same finder for a line of known height: the `amplitude` of the free antenna's pictures.
+        """The detector for a line of known height: the `amplitude` of the free antenna's pictures.
 
         A bar or edge that looks like an antenna mostly is fainter.
         """
         return replace(self, usual_height=usual_height)
 
     def candidates(self, image: np.ndarray, bright: bool = True, blurred_px: float = 0.0) -> list[np.ndarray]:
-        """Paths (K, 2) that look like the antenna in an (H, W) picture, blurred by about so many pixels; best first: up
+        """Paths (K, 2) that look like the antenna in an (H, W) picture blurred by about `blurred_px`; best first: up
         to two that differ and score alike."""
         reach = self.reach + int(np.ceil(0.6 * blurred_px / self.factor))
         flat = core.search.ridge_responses(_downsampled(image, self.factor), reach, self.pool, 1 if bright else -1)
@@ -97,7 +98,7 @@ class AntennaFinder:
         ]
 
     def find(self, image: np.ndarray, bright: bool | None = True, picture: np.ndarray | None = None) -> Centreline:
-        """The centreline in a picture, with its verdict; of one polarity, where there is none in focus, one out of it.
+        """The centreline in a picture, with its verdict: a line of one polarity in focus, else out of focus.
 
         image : (H, W) uint8, uint16 or float; colour pictures go through `paint.Paint`. bright : whether the antenna is
         brighter than its surroundings; None: in part. picture : (H, W[, 3]) the same as it was taken, for its colours.
@@ -116,7 +117,7 @@ class AntennaFinder:
         return blurred if blurred.found and blurred.seen > line.seen else line
 
     def path(self, image: np.ndarray, rough: np.ndarray, bright: bool = True, blurred_px: float = 0.0) -> np.ndarray:
-        """A rough path (K, 2) moved onto the antenna and, in focus, on along it as far as it goes on."""
+        """A rough path (K, 2) moved onto the antenna and, in focus, extended along it as far as it continues."""
         reach = 1.2 * self.spacing_px + 0.5 * self.corridor.width_px + 4.0
         path = refine_path(image, rough, self.corridor.width_px + blurred_px, reach, bright)
         if blurred_px or too_short(path):
@@ -126,7 +127,7 @@ class AntennaFinder:
 
     @cached_property
     def _in_focus(self) -> tuple[int, object]:
-        """Pixels of a profile to either side of the antenna in focus, and its cross-section."""
+        """Half length, px, of a profile across the antenna in focus, and its cross-section."""
         half = int(np.ceil(0.8 * self.corridor.width_px + 5.0))
         return half, core.profile.expected(self.corridor.width_px, ORDINARY_BLUR_PX, half + 2)
 
@@ -139,7 +140,7 @@ class AntennaFinder:
         picture: np.ndarray | None = None,
         odds: float = np.nan,
     ) -> Centreline:
-        """The line measured near a guide (K, 2), where the antenna, so wide, is about a width off at most.
+        """The line measured near a guide (K, 2), from which an antenna of this width is at most about a width away.
 
         odds : of the line that led there.
         """
@@ -150,8 +151,8 @@ class AntennaFinder:
         return replace(self, corridor=where)._along_shape(image, image if picture is None else picture, guide_px, odds)
 
     def shapes(self, picture: np.ndarray) -> list[tuple[np.ndarray, float]]:
-        """Shapes (S, 2) that the antenna can take along which a picture (H, W[, 3]) shows two edges, and their mean log
-        odds per correlation length, the likeliest first; those that hardly differ from one before are left out."""
+        """Possible shapes (S, 2) of the antenna along which a picture (H, W[, 3]) has two edges, and their mean log
+        odds per correlation length, the likeliest first; without those that hardly differ from an earlier one."""
         where, settings = self.corridor, self.settings
         calibrated = where.shape_px is not None
         axis, _ = sampled_axis(where)
@@ -177,7 +178,7 @@ class AntennaFinder:
         return kept
 
     def _likely(self, image: np.ndarray, picture: np.ndarray) -> Centreline:
-        """The line along one of the likely shapes, be it here brighter, there darker than what lies behind it."""
+        """The line along one of the likely shapes, even if it is brighter than its background here and darker there."""
         lines = [self._along_shape(image, picture, path, odds) for path, odds in self.shapes(picture)]
         line = best_of(lines, self.corridor.width_px, CHANGING_OTHER)
         return less_sure(reject_faint(line, self.usual_height), self.corridor)
@@ -185,8 +186,8 @@ class AntennaFinder:
     def _along_shape(
         self, image: np.ndarray, picture: np.ndarray, path_px: np.ndarray, odds: float = np.nan
     ) -> Centreline:
-        """The line measured along a shape (K, 2), K ≥ 2, of such log odds, in the picture's colours where it has some,
-        and judged by the shape that it has.
+        """The line measured along a shape (K, 2), K ≥ 2, with these log odds, in the picture's colours if it has
+        any, and judged by its shape.
 
         On a rig that is calibrated one that has not quite the antenna's shape is measured once more along the nearest
         shape that it can have: the better shaped is taken.
@@ -220,20 +221,20 @@ class AntennaFinder:
 
 
 def _finite(image: np.ndarray) -> np.ndarray:
-    """A picture of whole numbers as it is, others as float32 without what is no number."""
+    """A picture of whole numbers unchanged, others as float32 with NaN and infinity replaced."""
     if image.dtype in (np.uint8, np.uint16):
         return image
     return np.nan_to_num(image.astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0)
 
 
 def sampled_axis(corridor: Corridor) -> tuple[np.ndarray, float]:
-    """A corridor's axis (S, 2) in equal steps, and how far apart the tips of neighbouring paths are, px."""
+    """A corridor's axis (S, 2) in equal steps, and the distance of neighbouring paths' tips, px."""
     axis, _ = resample(corridor.axis_px, max(arc_lengths(corridor.axis_px)[-1] / SAMPLES, 1e-3))
     return axis, max(0.9 * float(arc_lengths(axis)[-1]) / (len(axis) - 1), 3.0)
 
 
 def _templates(corridor: Corridor) -> tuple[np.ndarray, float]:
-    """Paths (P, S, 2) that fill a corridor, so dense that the antenna is within the spacing, px, of one."""
+    """Paths (P, S, 2) that fill a corridor so densely that the antenna is within the spacing, px, of one."""
     axis, spacing = sampled_axis(corridor)
     length = arc_lengths(axis)[-1]
     step = length / (len(axis) - 1)
@@ -258,7 +259,7 @@ def _templates(corridor: Corridor) -> tuple[np.ndarray, float]:
 
 
 def _within(paths: np.ndarray, corridor: Corridor) -> np.ndarray:
-    """(P,) whether a path's tip is no farther from the axis' tip than the corridor reaches there."""
+    """(P,) mask of the paths with their tips within the corridor's reach of the axis's tip."""
     tip = corridor.axis_px[-1]
     across = normals(corridor.axis_px)[-1]
     along = np.array([across[1], -across[0]])

@@ -1,4 +1,4 @@
-"""Errors of a whole line in the picture: their smooth modes, and what pixels leave of them that it runs along."""
+"""Errors of a whole line in the picture: their smooth modes, and what the pixels along it leave of them."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ LINE_MODES = 3  # offset, slope and curvature: the first Legendre polynomials of
 
 
 def locking_std(points_px: np.ndarray) -> np.ndarray:
-    """(3,) standard deviations that errors of 1 px rms, periodic in a line's place among the pixels, leave in the modes
-    of a line through points (N, 2) px in its order.
+    """(3,) standard deviations, in the modes of a line through ordered points (N, 2) px, of errors of 1 px rms that
+    are periodic in the line's position on the pixel grid.
 
     A line that crosses n rows averages them to about 1/πn; one along a row keeps them. Their phase is unknown.
     """

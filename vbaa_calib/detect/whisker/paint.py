@@ -1,4 +1,5 @@
-"""What tells the antenna from its surroundings: brighter, darker or of another colour, as the no-load pictures show."""
+"""The antenna's paint: what distinguishes it from its surroundings (brighter, darker, another colour), as learnt
+from no-load pictures."""
 
 from __future__ import annotations
 
@@ -34,7 +35,7 @@ one of changing polarity lies on another thing and does not come back."""
 
 @dataclass(frozen=True)
 class Paint:
-    """How a picture is turned into one plane on which the antenna stands out.
+    """Conversion of a picture into one plane on which the antenna stands out.
 
     Attributes
     ----------
@@ -47,16 +48,16 @@ class Paint:
 
     @property
     def polarity(self) -> bool | None:
-        """`bright`, but None where the line is measured by both of its edges, which may be of either polarity."""
+        """`bright`; None where the line is measured by both of its edges, which may be of either polarity."""
         return None if self.both_edges else self.bright
 
     def plane(self, image: np.ndarray) -> np.ndarray:
-        """(H, W) of a grey (H, W) or colour (H, W, 3 or 4) picture: blue, green, red, any depth."""
+        """(H, W) plane of a grey (H, W) or colour (H, W, 3 or 4) picture: blue, green, red, any depth."""
         return grey(image)
 
     def find(self, finder: AntennaFinder, image: np.ndarray, plane: np.ndarray | None = None) -> Centreline:
-        """The centreline in a grey or colour picture; `plane`: its plane of paint, if it is known. An antenna measured
-        by both edges is searched by these on a calibrated rig, and by its polarity before."""
+        """The centreline in a grey or colour picture; `plane` : its plane of paint, if known. An antenna that is
+        measured by both edges is searched by these on a calibrated rig, before that by its polarity."""
         plane = self.plane(image) if plane is None else plane
         calibrated = finder.corridor.shape_px is not None
         line = finder.find(plane, self.polarity if calibrated else self.bright, image)
@@ -71,7 +72,7 @@ Looks = tuple[tuple[float, float, float, float], ...]
 
 
 def look_of(image: np.ndarray, line: Centreline) -> np.ndarray:
-    """(PLACES, 3) mean colour of a found antenna along its guide, in a picture (H, W[, 3]); NaN where unseen."""
+    """(PLACES, 3) mean colours of a detected antenna along its guide, in a picture (H, W[, 3]); NaN where unseen."""
     place = np.minimum((_shares(line.guide_px, _seen(line)) * PLACES).astype(int), PLACES - 1)
     colours = core.search.colours_at(*channels(image), line.points_px)
     means = np.full((PLACES, 3), np.nan)
@@ -81,7 +82,8 @@ def look_of(image: np.ndarray, line: Centreline) -> np.ndarray:
 
 
 def usual_looks(several: Sequence[np.ndarray]) -> Looks | None:
-    """Median colours and deviations of (PLACES, 3) in several pictures; None if a place is not seen in two of them."""
+    """Medians and standard deviations of the colours (PLACES, 3) in several pictures; None if a place is not seen in
+    two of them."""
     looks = np.array([one for one in several if len(one)])
     if len(looks) < 2 or (np.isfinite(looks).all(axis=2).sum(axis=0) < 2).any():
         return None
@@ -140,17 +142,17 @@ def without_other_things(
 
 @lru_cache(maxsize=64)
 def _table(looks: Looks) -> tuple[np.ndarray, bool]:
-    """Looks as an array (PLACES, 4), and whether they are of a colour."""
+    """The colours as an array (PLACES, 4) with a flag, and whether they are chromatic."""
     table = np.array(looks)
     return table, bool(np.ptp(table[:, :3], axis=1).max() > LEAST_SPREAD[1])
 
 
 def _shares(guide: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """(N,) how far along their guide (K, 2) the points lie that were seen (K,) of it, from 0 at the clamp to 1."""
+    """(N,) positions, 0 at the clamp to 1, of the seen places (mask (K,)) along their guide (K, 2)."""
     along = arc_lengths(guide)
     return along[seen] / max(along[-1], 1e-9)
 
 
 def _seen(line: Centreline) -> np.ndarray:
-    """(K,) where along its guide a line has its points."""
+    """(K,) mask of the places of its guide at which a line has points."""
     return line.visibility == Visibility.SEEN

@@ -1,7 +1,7 @@
-"""Measure the antenna to a fraction of a pixel: its cross-section, as the picture shows it, fitted to raw profiles.
+"""Sub-pixel measurement of the antenna: its cross-section in the picture, fitted to raw profiles.
 
-Raw pixels of every column that it crosses (of every row where it runs more upward than sideways), because interpolated
-ones share their noise, and shift a thin line with its phase on the pixel grid.
+Profiles are the raw pixels of every column that it crosses (of every row where it is steeper than 45°), because
+interpolated ones share their noise, and shift a thin line with its phase on the pixel grid.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def _measured(
 
 
 def _judged(image: np.ndarray, found: tuple[dict[str, Any], dict[str, Any]] | None) -> Centreline:
-    """What the core measured in a picture, with its verdict and what the noise of rows adds."""
+    """The core's measurement in a picture, with its verdict and the errors due to the noise of rows."""
     if found is None:
         return NOTHING
     line = Centreline(**found[0])
@@ -116,8 +116,8 @@ def _judged(image: np.ndarray, found: tuple[dict[str, Any], dict[str, Any]] | No
 def measure_in_colour(
     picture: np.ndarray, path_px: np.ndarray, width_px: float, settings: RibbonSettings | None = None
 ) -> Centreline:
-    """The centreline along a path (K, 2) on the antenna in a picture with colours (H, W, 3): a ribbon, brighter or
-    darker than both backgrounds, with light that changes smoothly along it."""
+    """The centreline along a path (K, 2) on the antenna in a colour picture (H, W, 3): a ribbon, brighter or darker
+    than both backgrounds, with illumination that varies smoothly along it."""
     how = settings or RibbonSettings()
     half = int(np.ceil(how.flank_widths * width_px + how.flank_px))
     path_px = np.ascontiguousarray(path_px, np.float64)
@@ -128,7 +128,7 @@ def measure_in_colour(
 
 @lru_cache(maxsize=32)
 def _quiet_part(freedom: int) -> float:
-    """The `_QUIET` quantile of the root mean square of so many normal numbers, by Newton's method.
+    """The `_QUIET` quantile of the root mean square of `freedom` normal numbers, by Newton's method.
 
     The probability is the series of the incomplete gamma function: what has SciPy's takes longer to load than a contact
     to find.

@@ -1,4 +1,4 @@
-"""Tunable numbers of the search for shapes along which a picture shows two edges, and of what is measured there."""
+"""Settings of the search for shapes along which a picture has two edges, and of the measurement there."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """What is supposed of an antenna's edges and shapes, and how many shapes are compared.
+    """Priors of an antenna's edges and shapes, and the number of shapes compared.
 
     Chosen on five path-traced sessions (steel and nylon on a cluttered bench, steel and paint on a patchwork, steel on
     a plain one) unless a line says otherwise.
@@ -43,7 +43,7 @@ class SearchSettings:
 
 @dataclass(frozen=True)
 class RibbonSettings:
-    """What is supposed of an antenna in a picture with colours, near it, and how it is solved for.
+    """Priors of an antenna's ribbon in a colour picture, and settings of its fit.
 
     Chosen on six path-traced sessions (steel, nylon and nitinol on a plain bench, paint and steel on a patchwork, thick
     paint on wood) unless a line says otherwise.

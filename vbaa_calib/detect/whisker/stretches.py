@@ -1,4 +1,4 @@
-"""Along the antenna in one picture: which stretches were seen, and why the others were not."""
+"""Visible stretches of the antenna in one picture, and the reasons why the others are not visible."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ BROADER_PX, MUCH_BROADER = (2.0, 4.0), 0.8
 
 
 class Cause(Enum):
-    """Why a stretch was not seen, and the remedy."""
+    """Reason why a stretch is not visible, with the remedy."""
 
     SEEN = ("seen", "")
     FAINT = (
@@ -64,7 +64,8 @@ class Stretch:
 
 
 def stretches(image: np.ndarray, line: Centreline, where: Corridor, bright: bool | None = True) -> list[Stretch]:
-    """Which stretches of the antenna were seen in an (H, W) picture, and why the others were not, clamp to tip.
+    """The visible stretches of the antenna in an (H, W) picture, and the others with their causes, from clamp to
+    tip.
 
     Taken along the line's guide, or along the free antenna where there is none. bright : polarity of the search.
     """
@@ -92,13 +93,13 @@ def stretches(image: np.ndarray, line: Centreline, where: Corridor, bright: bool
 
 
 def explained(line: Centreline, image: np.ndarray, where: Corridor, bright: bool | None = True) -> Centreline:
-    """The centreline; unless it is "ok", its reason names the stretches that were not seen, and why."""
+    """The centreline; unless it is "ok", with the invisible stretches and their causes in its reason."""
     lost, remedy = ("", "") if line.found else why_lost(stretches(image, line, where, bright))
     return replace(line, reason=f"{line.reason}; {lost} (remedy: {remedy})") if lost else line
 
 
 def why_lost(parts: Sequence[Stretch], most: int = 4) -> tuple[str, str]:
-    """The longest stretches that were not seen, in order, and the remedy for the longest; empty if all were."""
+    """The longest invisible stretches, in order, and the remedy for the longest; empty if all are visible."""
     lost = sorted((part for part in parts if part.cause is not Cause.SEEN), key=lambda part: part.start - part.end)
     unsure = "not there, or " if len(lost) == len(parts) else ""
     words = [
@@ -115,7 +116,7 @@ def _words(part: Stretch) -> str:
 
 
 def _causes(found: Crossings, seen: np.ndarray, width: float, look: tuple[float, bool | None]) -> np.ndarray:
-    """(N,) index of each profile's `Cause`."""
+    """(N,) index of the `Cause` of each profile."""
     noise, bright = look
     half = found.profiles.shape[1] // 2
     sharp, *soft = (core.profile.expected(width, blur, half + 2) for blur in (0.8, *BROADER_PX))
@@ -158,7 +159,7 @@ def _averaged(values: np.ndarray) -> np.ndarray:
 
 
 def _merged(causes: np.ndarray, along: np.ndarray, shortest_px: float) -> np.ndarray:
-    """The causes (N,), where runs that are too short take the cause of their longer neighbour, the shortest first."""
+    """The causes (N,) with runs that are too short merged into the longer neighbour, the shortest first."""
     causes = causes.copy()
     while True:
         edges = np.array([0, *np.flatnonzero(np.diff(causes)) + 1, len(causes)])
