@@ -3,7 +3,7 @@
 A point (x, y, z) of the antenna appears at x_p = x + z·tanφ, y_p = y. A point load bends the antenna in one plane, so
 z/y = f_z/f_y everywhere, and with κ = tanφ·f_z/f_y the true position is x = x_p − κ·y on the curved and the straight
 part alike. The moment sensor closes it: κ·l·f_y = τ_y·tanφ. For two curved points that is a quintic in κ, for two
-straight ones κ cancels, Eq. (30); `inclined_roots` solves all cases as one, exactly where the paper's sextic is not.
+straight ones κ cancels, Eq. (30); `_candidates` solves all cases as one, exactly where the paper's sextic is not.
 
 NumPy or torch; arguments broadcast, and the work is in float64. The last axis of `xp_m` and `y_m` holds the two points;
 |y| decides which of them is nearer to the clamp. At strong tilts and large slopes two points may admit more than one
@@ -28,10 +28,9 @@ _CLOSE = 1e-9  # a step of Newton's, relative, after which one more reaches roun
 
 
 def _candidates(xp1: Array, xp2: Array, ratio: Array, torque: Array) -> tuple[Array, Array, Array, Array]:
-    """Part, l, x1 and x2 (n, 3) of every contact: the first and second not straight, and the straight one, Eq. (30),
-    with its points at Eq. (26), mended to invert Eq. (25), and depth by Eqs. (27), (28); or NaN. `ratio` is y2/y1,
-    `torque` τ_y·tanφ/2EI.
-    """
+    """Part, l, x1 and x2 (n, 3) of the up to three contacts, NaN for missing ones: two with a curved point, and the
+    one with both points straight, Eq. (30), with its points by Eq. (26), corrected so that it inverts Eq. (25), and
+    depth by Eqs. (27), (28). ratio : y2/y1. torque : τ_y·tanφ/2EI."""
     xp = namespace(ratio)
     drop = ratio * xp1 - xp2
     drop = xp.where((drop > 0.0) & (ratio > 1.0) & (abs(torque) < np.inf), drop, np.nan)
@@ -73,7 +72,8 @@ def _shape(v: Array, ratio: Array) -> tuple[Array, Array]:
 
 
 def _pull(v: Array, ratio: Array) -> tuple[Array, Array]:
-    """g and d ln g/dv. The deflection is homogeneous: ∂ln y/∂ln x = 3 − ∂ln y/∂ln l."""
+    """Function g(v) of the equation (place − v)·g(v) = load that `_candidates` solves, and d ln g/dv. The deflection
+    is homogeneous: ∂ln y/∂ln x = 3 − ∂ln y/∂ln l."""
     xp = namespace(v)
     _, reach = _shape(v, ratio)
     one = xp.ones_like(v)

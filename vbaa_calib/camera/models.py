@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class LensModel:
-    """A lens model: its name in camera.json, its coefficients in file order, and the numbers of them that are
-    allowed."""
+    """A lens model: its name in camera.json, its coefficients in file order, and how many of these a camera may
+    have."""
 
     name: str
     coefficient_names: tuple[str, ...]

@@ -432,8 +432,8 @@ def _report_photo(document: dict[str, Any]) -> None:
 def _with_candidates(
     error: InputError, args: argparse.Namespace, photo: Path, picture: np.ndarray, search: RodSearch
 ) -> InputError:
-    """The error, extended by the name of a picture that is written with numbered candidates and the known ends
-    marked, where possible."""
+    """The error with the name of a picture added, where one can be written: the photograph with numbered candidates
+    and the known ends marked."""
     written = args.output or args.overlay
     path = (written.parent if written else Path()) / f"{photo.stem}_candidates.png"
     if path.resolve() == photo.resolve():

@@ -198,7 +198,7 @@ class ScoreTest(NamedTuple):
         return float(np.sqrt(self.chi_square))
 
     def clear(self, least_std: float) -> np.ndarray:
-        """(K,) the values reduced to the directions in which they exceed `least_std` standard deviations, in units
+        """(K,) the values without the directions in which they are below `least_std` standard deviations, in units
         of scale."""
         scale = np.broadcast_to(np.asarray(self.scale, float), self.values.shape)
         variances, axes = np.linalg.eigh(self.covariance / np.outer(scale, scale))

@@ -139,7 +139,7 @@ class Scene:
         return 0.02 * self.bounding_ball_m[1]
 
     def arrows(self) -> Stamps:
-        """Contacts with a force, and the linear maps (3, 3) of a unit arrow there, with the first column along the
+        """Contacts with a force, and linear maps (3, 3) from a unit arrow to theirs, with the first column along the
         force."""
         contacts, reach = self.contacts, self.bounding_ball_m[1]
         pushed = thinned(np.flatnonzero(contacts.size_mN > 0), 100)

@@ -22,7 +22,7 @@ _Turned = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class _FitState:
-    """State of the alternation."""
+    """State of the alternation between shapes, surface points, normals and compliance."""
 
     normal: np.ndarray  # (P, 3)
     compliance_m_N: float  # in the points

@@ -63,7 +63,8 @@ class Ring:
 @gate
 @dataclass(frozen=True, eq=False)
 class Press:
-    """F frames of one touch in order of time; the last one is the present. None where there is no such sensor.
+    """F frames of one touch in order of time, the last of which is to be answered; None for sensors that are
+    missing.
 
     Attributes
     ----------

@@ -465,7 +465,8 @@ class _RodFit:
         return self.bench.fitted(self.model, self.kept, self.parameters.stiffness_Nm2, offset, turning)
 
     def judged(self, clamp: float) -> tuple[BeamFit, _ErrorModels, float]:
-        """Standard deviations, the error models from which they come, and half the relative interval of 1/EI."""
+        """Standard deviations of the estimate, the error models that give them, and half the relative interval of
+        1/EI."""
         found, table = self.parameters, self.bench.table
         x = table.x_m[self.kept]
         model = self.bench.forward(self.model, self.kept)(found.stiffness_Nm2)

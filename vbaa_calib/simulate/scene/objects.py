@@ -124,8 +124,8 @@ class TouchObject:
         return distance.reshape(points.shape[:-1]), normal.reshape(points.shape)
 
     def rough_distance(self, points_world: np.ndarray) -> np.ndarray:
-        """(...) a cheaper distance of points (..., 3) from the surface: zero on it and in the same order, but not in
-        metres."""
+        """(...) a quantity that grows with the distance of points (..., 3) from the surface and is zero on it,
+        cheaper than the distance itself."""
         points = np.asarray(points_world, float)
         return core.simulate.rough_distances(self.numbers, points.reshape(-1, 3)).reshape(points.shape[:-1])
 
