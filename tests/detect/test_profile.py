@@ -277,7 +277,7 @@ def test_noise_of_whole_rows_is_in_the_deviations_of_a_line_along_them(transpose
     """A row's noise moves all points on it alike: the mean of a line is as far off as its deviations say, no less."""
     rng, ratios = np.random.default_rng(8), []
     for index in range(16):
-        path = straight(0.25 * (index % 9), 200.0)
+        path = straight(0.25 + 0.25 * (index % 8), 200.0)
         noise = rng.normal(0.0, 1.5, SIZE) + rng.normal(0.0, 1.5, (SIZE[0], 1))
         light, guide = np.rint(60.0 + tube(path, WIDTH_PX, 110.0) + noise), dense(path) + 0.2
         line = measure(light.T.copy() if transposed else light, guide[:, ::-1] if transposed else guide, WIDTH_PX)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -91,25 +90,16 @@ def _measured(
     image: np.ndarray, path_px: np.ndarray, width_px: float, half: int, bright: bool | None, taper: float
 ) -> Centreline:
     width_px = round(float(width_px), 2)
-    found = core.profile.measured(
-        np.ascontiguousarray(image),
-        path_px,
-        width_px,
-        half,
-        _POLARITY[bright],
-        taper,
-        _quiet_part(2 * half - 3),
-        _shapes(width_px, ORDINARY_BLUR_PX, half + 2),
-    )
-    return _judged(image, found)
-
-
-def _judged(image: np.ndarray, found: tuple[dict[str, Any], dict[str, Any]] | None) -> Centreline:
-    """The core's measurement in a picture, with its verdict and the errors due to the noise of rows."""
+    how = (width_px, half, _POLARITY[bright], taper, _quiet_part(2 * half - 3))
+    shapes = _shapes(width_px, ORDINARY_BLUR_PX, half + 2)
+    found = core.profile.measured(np.ascontiguousarray(image), path_px, *how, shapes)
     if found is None:
         return NOTHING
     line = Centreline(**found[0])
-    more = row_errors(image, line.points_px, line.sigma_px, line.noise)
+    more, evened = row_errors(image, line.points_px, line.sigma_px, line.noise, half)
+    if evened is not None and (again := core.profile.measured(evened, path_px, *how, shapes)) is not None:
+        found, line = again, Centreline(**again[0])
+        more = np.full(len(line.points_px), np.median(more))
     return accepted(replace(line, row_px=more), Evidence(**found[1]))
 
 
@@ -123,7 +113,11 @@ def measure_in_colour(
     path_px = np.ascontiguousarray(path_px, np.float64)
     picture = np.ascontiguousarray(picture[..., :3])
     found = core.profile.measured_ribbon(picture, path_px, float(width_px), how.blur_px, half, how)
-    return _judged(picture, found)
+    if found is None:
+        return NOTHING
+    line = Centreline(**found[0])
+    more, _ = row_errors(picture, line.points_px, line.sigma_px, line.noise, half)
+    return accepted(replace(line, row_px=more), Evidence(**found[1]))
 
 
 @lru_cache(maxsize=32)

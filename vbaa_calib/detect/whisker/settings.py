@@ -19,6 +19,7 @@ class SearchSettings:
     row_run: int = (
         12  # points of a line on one row, from which noise of rows matters: as long as other errors are shared
     )
+    row_pixels: int = 30  # next to a line, from which what a row's pixels share is taken off it
     surface_spread: float = 50.0  # grey levels: deviation of the luma of different surfaces
     colour_spread: float = 15.0  # grey levels: the same of differences of colour
     edge_rate: float = 0.1  # share of a background's places at which there is an edge: limits what one edge says
