@@ -115,18 +115,12 @@ def measured(rig: Rig, frame: Frame, line: Centreline, **more: Any) -> Measured:
 
 def _measured(frame: Frame, points_px: np.ndarray, sigma_px: np.ndarray, **more: Any) -> Measured:
     """The measurement of points (N, 2) with standard deviations (N,) and the frame's readings."""
-    return Measured(
-        points_px,
-        sigma_px,
-        frame.moment_Nm,
-        frame.pan_rad,
-        frame.tilt_rad,
-        **{name: getattr(frame, name) for name in islice(READINGS.values(), 1, None)},
-        time_s=frame.time_s,
-        moment_errors_Nm=np.array(frame.moment_errors_Nm),
-        joint_errors_rad=np.array(frame.joint_errors_rad),
-        **more,
-    )
+    for name in ("moment_errors_Nm", "joint_errors_rad"):
+        if any(errors := getattr(frame, name)):
+            more[name] = np.array(errors)
+    readings = {name: getattr(frame, name) for name in islice(READINGS.values(), 1, None)}
+    joints = frame.pan_rad, frame.tilt_rad
+    return Measured(points_px, sigma_px, frame.moment_Nm, *joints, **readings, time_s=frame.time_s, **more)
 
 
 def prepared(rig: Rig, frame: Still) -> AntennaFinder | None:
@@ -419,12 +413,17 @@ def measured_lines(rig: Rig, frames: Sequence[Frame], lines: Mapping[int, np.nda
             yield replace(first, others=dict(zip(rig.others, rest, strict=True)))
         return
     absent_px, factor = _scatter(rig, frames, lines)
-    for frame in frames:
-        every = lines.get(frame.frame, np.empty((0, 3)))
-        points = every[~outside(every[:, :2], rig.camera.image_size)]
-        sigma = np.where(np.isfinite(points[:, 2]), factor * points[:, 2], absent_px)
-        left_out = len(every) - len(points)
-        yield _measured(frame, points[:, :2], sigma, outside_points=left_out, sigma_factor=factor)
+    coming = iter(frames)
+    while some := list(islice(coming, STREAM)):
+        every = [lines.get(frame.frame, np.empty((0, 3))) for frame in some]
+        whole = np.concatenate(every)
+        left_out = outside(whole[:, :2], rig.camera.image_size)
+        sigma, end = np.where(np.isfinite(whole[:, 2]), factor * whole[:, 2], absent_px), 0
+        for frame, points in zip(some, every, strict=True):
+            own = slice(end, end := end + len(points))
+            lost = int(left_out[own].sum())
+            kept = (points[:, :2], sigma[own]) if not lost else (points[~left_out[own], :2], sigma[own][~left_out[own]])
+            yield _measured(frame, *kept, outside_points=lost, sigma_factor=factor)
 
 
 def _scatter(rig: Rig, frames: Sequence[Frame], lines: Mapping[int, np.ndarray]) -> tuple[float, float]:

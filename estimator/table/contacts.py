@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields, replace
+from functools import lru_cache, partial
 from inspect import cleandoc
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -355,6 +356,12 @@ for _class in (Contact, ContactRow, ContactTable):
     _class.__doc__ = f"{cleandoc(_class.__doc__ or '')}\n\nAttributes\n----------\n{_attributes}"
 
 
+@lru_cache
+def _nothing(value: float, count: int) -> np.ndarray:
+    """(count,) of what stands for nothing, one array for all."""
+    return np.frombuffer(np.full(count, value).tobytes())
+
+
 @dataclass(frozen=True, eq=False)
 class Measured:
     """The measurements of one frame.
@@ -386,10 +393,10 @@ class Measured:
     sensor_force_y_N: float = np.nan
     sensor_force_z_N: float = np.nan
     time_s: float = np.nan
-    start: np.ndarray = field(default_factory=lambda: np.full(4, np.nan))
-    tip_px: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
-    moment_errors_Nm: np.ndarray = field(default_factory=lambda: np.zeros(len(READINGS)))
-    joint_errors_rad: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    start: np.ndarray = field(default_factory=partial(_nothing, np.nan, 4))
+    tip_px: np.ndarray = field(default_factory=partial(_nothing, np.nan, 3))
+    moment_errors_Nm: np.ndarray = field(default_factory=partial(_nothing, 0.0, len(READINGS)))
+    joint_errors_rad: np.ndarray = field(default_factory=partial(_nothing, 0.0, 2))
     outside_points: int = 0
     sigma_factor: float = 1.0
     covariance_shape: np.ndarray | None = None
@@ -453,7 +460,10 @@ class Measured:
             if abs(number) > most:
                 raise InputError(f"{name} is {number:g}", remedy=remedy)
         for name, count in {"start": 4, "tip_px": 3, "moment_errors_Nm": len(READINGS), "joint_errors_rad": 2}.items():
-            several = values[name] = as_floats(getattr(self, name), name, f"give ({count},) numbers")
+            several = getattr(self, name)
+            if several is _nothing(0.0, count) or several is _nothing(np.nan, count):
+                continue
+            several = values[name] = as_floats(several, name, f"give ({count},) numbers")
             if several.shape != (count,):
                 raise InputError(f"{name} has shape {several.shape}", remedy=f"give ({count},) numbers")
         if self.covariance_shape is not None and np.shape(self.covariance_shape) != (*sigma.shape, 2, 2):

@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import chain
@@ -168,7 +169,7 @@ def plain_rows(lines: bytes, count: int, places: Sequence[int]) -> tuple[np.ndar
 def loaded(lines: bytes, count: int, places: Sequence[int]) -> np.ndarray:
     """(N, K) columns of whole lines of `count` cells. Raises ValueError for lines with another number of cells, for
     cells of these columns that are not numbers, and for text that is not ASCII."""
-    if len(lines) < 1 << 18:  # what is parsed more quickly than Arrow loads
+    if len(lines) < 1 << 18 and "pyarrow.csv" not in sys.modules:  # what is parsed more quickly than Arrow loads
         text, codes = lines.decode("ascii"), np.frombuffer(lines, np.uint8)
         ends, commas = np.flatnonzero(codes < 32), np.flatnonzero(codes == ord(","))
         plain = len(ends) > 0 and ends[-1] == len(codes) - 1 and (codes[ends] == ord("\n")).all()

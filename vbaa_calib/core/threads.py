@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
 
 _PIECE = 16
 """Items that a thread takes at once."""
@@ -20,5 +21,14 @@ def in_threads(work: Callable[[int, int], None], count: int, jobs: int) -> None:
     if jobs <= 1 or count <= _PIECE:
         work(0, count)
         return
-    with ThreadPoolExecutor(jobs) as pool:
-        list(pool.map(lambda begin: work(begin, min(begin + _PIECE, count)), range(0, count, _PIECE)))
+    list(_pool(jobs).map(lambda begin: work(begin, min(begin + _PIECE, count)), range(0, count, _PIECE)))
+
+
+@lru_cache
+def _pool(jobs: int) -> ThreadPoolExecutor:
+    """Threads that stay: to start them takes longer than to fit some frames."""
+    return ThreadPoolExecutor(jobs)
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_pool.cache_clear)  # a child has no threads but its first

@@ -191,6 +191,7 @@ class Centrelines(Mapping[int, np.ndarray]):
         self._runs = runs[np.argsort(runs[:, 0], kind="stable")]
         self.frames = np.unique(self._runs[:, 0])
         self._first, self._last, self._points = 0, -1, list[np.ndarray]()
+        self._repeated = False  # whether a frame may have a point twice
         self.others: dict[str, Centrelines] = {}
 
     def checked(self, frames: Sequence[Frame], table: str) -> Self:
@@ -223,9 +224,9 @@ class Centrelines(Mapping[int, np.ndarray]):
             self._points, self._first = self._read(self.frames[place : place + count]), place
             at = 0
         points, self._last = self._points[at], place
-        # a repeated point was measured once
-        if (np.diff(np.sort(points[:, 0])) > 0.0).all():
+        if not self._repeated:
             return points
+        # a repeated point was measured once
         _, first = np.unique(points[:, 0] + 1j * points[:, 1], return_index=True)
         return points if len(first) == len(points) else points[np.sort(first)]
 
@@ -249,6 +250,8 @@ class Centrelines(Mapping[int, np.ndarray]):
             raise InputError("has changed since it was checked", where=self._path, remedy=remedy)
         points = np.full((len(table), 3), np.nan)
         points[:, : table.shape[1] - 1] = table[:, 1:]
+        along = table[np.lexsort((table[:, 1], table[:, 0])), :2]
+        self._repeated = bool((along[1:] == along[:-1]).all(axis=1).any())
         return np.split(points, np.searchsorted(table[:, 0], frames[1:]))
 
 
