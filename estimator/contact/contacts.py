@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Generator, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, fields, replace
+from functools import cached_property, lru_cache
+from types import SimpleNamespace
 from typing import Any, TypeVar, overload
 
 import numpy as np
@@ -47,6 +48,7 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
     numbers: FitNumbers
     requested: str
     outside_points: np.ndarray
+    ordinary: np.ndarray
     seen: np.ndarray | None = None
     jacobian: Jacobian | None = None
 
@@ -65,7 +67,7 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
         index %= len(self)
         values = {name: column[index] for name, column in self._columns.items()}
         bias = zip(RUNGS, self.numbers.bias[index].tolist(), strict=True)
-        status = "" if values["status"] == OK and self._ordinary[index] else values["status"]
+        status = "" if values["status"] == OK and self.ordinary[index] else values["status"]
         words = reason(self.numbers, index, status, self.rig.antenna.length_m, self.requested)
         outside, far = int(self.outside_points[index]), int(self.numbers.outliers[index])
         for count, which in ((outside, "outside the picture"), (far, "far from where the neighbours lie")):
@@ -84,93 +86,51 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
         )
 
     @cached_property
-    def _ordinary(self) -> list[bool]:
-        """(B,) mask of the contacts that are ok without any remark but the model's name."""
-        numbers, settings = self.numbers, ContactSettings
-        with np.errstate(invalid="ignore"):
-            noticed = ~numbers.force_determined.all(axis=1) | (numbers.scatter > 1.0)
-            noticed |= np.abs(numbers.tip_std) > settings.disagreement
-            noticed |= numbers.friction_share > settings.friction_share
-            # its mean; what is noticed lies far above
-            noticed |= numbers.rig_chi_square > np.maximum(numbers.rig_axes, 1)
-            noticed |= (np.abs(numbers.residual) > settings.disagreement * numbers.residual_std).any(axis=1)
-        return list((~noticed).tolist())
-
-    @cached_property
     def _columns(self) -> dict[str, Any]:
         """The columns from which a `Contact` is built, by name: numbers and texts as Python objects, and arrays."""
         columns = {name: getattr(self, name) for name in ContactEstimate.__dataclass_fields__}
         return {name: column.tolist() if column.ndim == 1 else column for name, column in columns.items()}
 
 
+@lru_cache
+def _reported() -> dict[str, tuple[int, ...]]:
+    """The columns that the core fills in, and a frame's shape of each."""
+    others = "status", "in_contact", "model", "friction_prior_rad", "condition"
+    return {f.name: f.metadata["column"].shape for f in fields(ContactEstimate) if f.name not in others}
+
+
 def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch, model: str) -> Contacts:
     """The results of a batch; their statuses decide which numbers are filled in. model : the requested one."""
-    pan_rad, tilt_rad = batch.pan_rad, batch.tilt_rad
-    status = statuses(numbers)
-    located = (status == OK) | (status == TIP)
-    rotation, translation = rig.kinematics.world_antenna(pan_rad, tilt_rad)
-    length = rig.antenna.length_m
-
-    known = numbers.force_determined
-    # of a force that is not known in all directions nothing mixes its components
-    whole = located & known.all(axis=1)
-    every, complete = bool(located.all()), bool(whole.all())
-
-    def where_known(values: np.ndarray, where: np.ndarray = located) -> np.ndarray:
-        if complete or (every and where is located):
-            return values
-        return np.where(where.reshape((-1,) + (1,) * (values.ndim - 1)), values, np.nan)
-
-    def of_force(values: np.ndarray) -> np.ndarray:
-        if complete:
-            return values
-        return np.where(np.column_stack([whole, located[:, None] & known]), values, np.nan)
-
-    with np.errstate(invalid="ignore", over="ignore"):
-        deviations = _deviations(numbers.covariance)
-        both = np.stack([numbers.covariance[:, :3, :3], numbers.shared[:, :3, :3]])
-        covariance, shared = rotation @ both @ np.swapaxes(rotation, 1, 2)
-        if not rig.kinematics.axes_known:
-            covariance = covariance + _by_axes(rig, numbers, rotation, rig.kinematics.by_axes(pan_rad, tilt_rad))
-        turned = np.einsum(
-            "bij,bnj->bni", rotation, np.stack([numbers.point_m, numbers.force_N, numbers.tangent], axis=1)
-        )
-        moment = numbers.residual[:, 0] * rig.reading_noise[0] / rig.moment_sensor.gain
-        return Contacts(
-            rig=rig,
-            numbers=numbers,
-            requested=model,
-            outside_points=batch.outside_points,
-            seen=batch.seen,
-            status=status,
-            in_contact=numbers.finite & (status != NO_ANTENNA) & (status != NO_CONTACT),
-            model=np.array(RUNGS)[numbers.rung],
-            distance_m=where_known(numbers.unknowns[:, 0] * length),
-            distance_std_m=where_known(numbers.std[:, 0] * length),
-            distance_shared_std_m=where_known(numbers.shared_std * length),
-            point_shared_std_m=where_known(_deviations(shared)),
-            force_covariance_yz_N2=where_known(numbers.covariance[:, 4, 5], whole),
-            force_shared_std_N=where_known(_deviations(numbers.shared[:, 3:, 3:]), whole),
-            force_N=of_force(numbers.force_N),
-            force_std_N=of_force(deviations[:, 3:]),
-            deflection_m=of_force(numbers.deflection_m),
-            point_antenna_m=where_known(numbers.point_m),
-            point_world_m=where_known(turned[:, 0] + translation),
-            covariance_world_m2=where_known(covariance),
-            force_world_N=where_known(turned[:, 1], whole),
-            tangent_world=where_known(turned[:, 2], whole),
-            moment_residual_Nm=np.where(numbers.sensor_available[:, 0], moment, np.nan),
-            friction_angle_rad=where_known(numbers.unknowns[:, 3] * friction_rad),
-            friction_angle_std_rad=where_known(numbers.std[:, 3] * friction_rad),
-            friction_prior_rad=np.full(len(status), friction_rad),
-            evidence=np.where(numbers.finite, numbers.evidence, np.nan),
-            condition=numbers.condition,
-        )
-
-
-def _deviations(covariance: np.ndarray) -> np.ndarray:
-    """(B, K) standard deviations: roots of the diagonals of covariances (B, K, K)."""
-    return np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    count = len(numbers)
+    rotation, translation = rig.kinematics.world_antenna(batch.pan_rad, batch.tilt_rad)
+    moment_Nm = float(np.divide(rig.reading_noise[0], rig.moment_sensor.gain))
+    placed = SimpleNamespace(
+        rotation=np.ascontiguousarray(rotation),
+        translation_m=np.ascontiguousarray(translation),
+        length_m=rig.antenna.length_m,
+        friction_rad=friction_rad,
+        moment_Nm=moment_Nm,
+    )
+    columns = {name: np.empty((count, *shape)) for name, shape in _reported().items()}
+    columns["in_contact"] = np.empty(count, bool)
+    places, noticed = core.solver.report(ContactSettings, numbers, placed, SimpleNamespace(**columns), count)
+    if not rig.kinematics.axes_known:
+        by_axes = rig.kinematics.by_axes(batch.pan_rad, batch.tilt_rad)
+        with np.errstate(invalid="ignore", over="ignore"):
+            columns["covariance_world_m2"] += _by_axes(rig, numbers, rotation, by_axes)
+    return Contacts(
+        rig=rig,
+        numbers=numbers,
+        requested=model,
+        outside_points=batch.outside_points,
+        ordinary=noticed & core.solver.OUT_OF_ORDINARY == 0,
+        seen=batch.seen,
+        status=statuses(places),
+        model=np.array(RUNGS)[numbers.rung],
+        friction_prior_rad=np.full(count, friction_rad),
+        condition=numbers.condition,
+        **columns,
+    )
 
 
 def _by_axes(rig: Rig, numbers: FitNumbers, rotation: np.ndarray, by_axes: tuple[np.ndarray, np.ndarray]) -> np.ndarray:

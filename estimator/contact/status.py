@@ -20,90 +20,25 @@ TIP = "tip_contact"  # the contact is at the tip
 OK = "ok"  # all numbers can be used
 
 
-def statuses(numbers: FitNumbers) -> np.ndarray:
-    """(B,) statuses: the first that applies, from those that make everything else meaningless down to ok."""
-    with np.errstate(invalid="ignore"):
-        uncertain = ~(
-            numbers.std[:, 0]
-            < np.minimum(ContactSettings.low_signal, ContactSettings.low_signal_relative * numbers.unknowns[:, 0])
-        )
-        edge_on, mirrored = numbers.edge_on_rad < ContactSettings.edge_on_rad, _mirrored(numbers)
-        determined = np.isfinite(numbers.std[:, 0])
-        # a fit that stopped somewhere says nothing about whether there is a contact
-        stopped = ~numbers.converged & (numbers.scatter > core.solver.WRONG_SHAPE)
-        order = [
-            (numbers.points < ContactSettings.fewest_points, NO_ANTENNA),
-            (~numbers.finite | np.isfinite(numbers.left_px), FAILED),
-            (~(numbers.evidence >= ContactSettings.contact_evidence) & ~stopped, NO_CONTACT),
-            (edge_on & (uncertain | ~numbers.converged), UNOBSERVABLE),
-            (mirrored & (numbers.edge_on_rad < ContactSettings.edge_on_blind_rad), UNOBSERVABLE),
-            (unexplained(numbers) | _model_too_low(numbers), FAILED),
-            (uncertain & determined, LOW),
-            (uncertain | _force_undetermined(numbers) | _ambiguous(numbers), UNOBSERVABLE),
-            (_disagreement(numbers) > ContactSettings.contradiction, FAILED),
-            (numbers.at_tip, TIP),
-        ]
-    order.append((np.ones(len(numbers), bool), OK))
-    return np.array([status for _, status in order])[np.argmax([which for which, _ in order], axis=0)]
+def statuses(places: np.ndarray) -> np.ndarray:
+    """Statuses (B,) of their places (B,) in the core's `report.hpp`, which takes the first that applies, from those
+    that make everything else meaningless down to ok."""
+    return np.array([NO_ANTENNA, FAILED, NO_CONTACT, UNOBSERVABLE, LOW, TIP, OK])[places]
 
 
 def unexplained(numbers: FitNumbers) -> np.ndarray:
     """(B,) mask of the frames that no single possible contact explains."""
-    wrong = ~numbers.converged | (numbers.scatter > core.solver.WRONG_SHAPE)
-    # without a reading a steep bend along the line of sight fits almost anything, if not quite
-    steep = np.abs(numbers.unknowns[:, 3]) > ContactSettings.steepest_blind
-    wrong |= _mirrored(numbers) & ((numbers.scatter > 1.0) | steep)
-    return wrong | _at_clamp(numbers) | _friction_exceeded(numbers) | _second_contact(numbers)
+    return np.asarray(core.solver.judge(ContactSettings, numbers, len(numbers))[1] & core.solver.UNEXPLAINED != 0)
 
 
-def _ambiguous(numbers: FitNumbers) -> np.ndarray:
-    """(B,) mask of the frames that another contact, farther away than the uncertainty, explains about equally well."""
-    as_good = numbers.alternative_cost < ContactSettings.alternative_cost * numbers.scatter**2
-    if not as_good.any():
-        return as_good
-    apart = np.abs(numbers.alternative_unknowns - numbers.unknowns)[:, :3] > 3.0 * numbers.std[:, :3]
-    return apart.any(axis=1) & as_good
+def _noticed(numbers: FitNumbers) -> int:
+    """What was noticed of one frame: bits that the core's `report.hpp` names."""
+    return int(core.solver.judge(ContactSettings, numbers, 1)[1][0])
 
 
-def _mirrored(numbers: FitNumbers) -> np.ndarray:
-    """(B,) mask of the frames without a moment in which only perspective distinguishes the contact from its mirror
-    image."""
-    return numbers.ambiguous & (numbers.marginal | ~numbers.sensor_available.any(axis=1))
-
-
-def _at_clamp(numbers: FitNumbers) -> np.ndarray:
-    """(B,) mask of the contacts at the smallest distance of the search."""
-    least = numbers.unknowns[:, 0] - np.where(numbers.marginal, numbers.std[:, 0], 0.0)
-    return least <= core.solver.NEAREST * (1.0 + 1e-6)
-
-
-def _friction_exceeded(numbers: FitNumbers) -> np.ndarray:
-    return np.abs(numbers.unknowns[:, 3]) > ContactSettings.steepest
-
-
-def _second_contact(numbers: FitNumbers) -> np.ndarray:
-    """(B,) mask of the frames that a second force explains so much better that the distance is not trusted."""
-    return (numbers.second_gain > ContactSettings.second_contact) & (
-        numbers.second_shift > ContactSettings.second_shift
-    )
-
-
-def _force_undetermined(numbers: FitNumbers) -> np.ndarray:
-    """(B,) mask of the frames in which the force, and with it the contact point, is undetermined in some direction
-    across the antenna, which affects the rest."""
-    std = np.max(numbers.std[:, 1:3], axis=1)
-    return ~(0.01 * numbers.unknowns[:, 0] ** 3 * std < ContactSettings.low_signal) & ~numbers.marginal
-
-
-def _model_too_low(numbers: FitNumbers) -> np.ndarray:
-    """(B,) mask of the frames in which the requested model's bias exceeds what its standard deviations can include."""
-    bias = numbers.bias[np.arange(len(numbers)), numbers.rung]
-    return np.isfinite(bias) & (bias > ContactSettings.highest_bias)
-
-
-def _disagreement(numbers: FitNumbers) -> np.ndarray:
-    """(B,) largest residual of a reading, in its expected standard deviations."""
-    return np.max(np.abs(numbers.residual) / numbers.residual_std, axis=1)
+def _disagreement(numbers: FitNumbers) -> float:
+    """Largest residual of a reading of one frame, in its expected standard deviations."""
+    return float(np.max(np.abs(numbers.residual[0]) / numbers.residual_std[0]))
 
 
 def reason(several: FitNumbers, index: int, status: str, length_m: float, requested: str) -> str:
@@ -130,7 +65,7 @@ def reason(several: FitNumbers, index: int, status: str, length_m: float, reques
 
 def _failed(numbers: FitNumbers, length_m: float) -> str:
     why = _misfit(numbers, length_m)
-    if not (unexplained(numbers)[0] and numbers.explained_drifted[0]):
+    if not (_noticed(numbers) & core.solver.UNEXPLAINED and numbers.explained_drifted[0]):
         return why
     return (
         f"it fits if the rig has changed since its calibration (the picture by about {numbers.drift_px[0]:.2g} px, the "
@@ -140,46 +75,47 @@ def _failed(numbers: FitNumbers, length_m: float) -> str:
 
 def _misfit(numbers: FitNumbers, length_m: float) -> str:
     scatter, friction = numbers.scatter[0], abs(numbers.unknowns[0, 3])
+    bits, noticed = core.solver, _noticed(numbers)
     if not numbers.finite[0]:
         return "the fit left the domain of the model"
     if np.isfinite(numbers.left_px[0]):
         far = f"wherever it is touched, many of them lie {numbers.left_px[0]:.0f} px off or more"
         return f"the points are not on this antenna, or it is bent too far: {far}"
-    if _model_too_low(numbers)[0] and not unexplained(numbers)[0]:
+    if noticed & bits.MODEL_TOO_LOW and not noticed & bits.UNEXPLAINED:
         rung = int(numbers.rung[0])
         return f"{RUNGS[rung]} is too low for this frame, some {numbers.bias[0, rung]:.0f} std off: take a higher rung"
     two = ""
-    if _second_contact(numbers)[0]:
+    if noticed & bits.TWICE_TOUCHED:
         near, far = (1e3 * length_m * at for at in sorted((numbers.unknowns[0, 0], numbers.second_place[0])))
         two = f"two contacts explain it better, near {near:.0f} and {far:.0f} mm, or the rig is off"
-    if unexplained(numbers)[0] and numbers.explained_alone[0]:
+    if noticed & bits.UNEXPLAINED and numbers.explained_alone[0]:
         why = "picture and moment contradict each other: without the reading all is well, so check the sensor"
         return f"{why}; or {two}" if two else why
     if two:
         return f"the shape is not that of one contact: {two}"
-    if _at_clamp(numbers)[0]:
+    if noticed & bits.AT_CLAMP:
         nearest_mm = 1e3 * core.solver.NEAREST * length_m
         return f"the contact lies nearer to the clamp than {nearest_mm:.0f} mm, where none is looked for"
-    if _friction_exceeded(numbers)[0]:
+    if noticed & bits.TOO_STEEP:
         return f"the force needs a friction angle of {friction:.1f} standard deviations: give a larger --friction"
-    if scatter > core.solver.WRONG_SHAPE or (scatter > 1.0 and _mirrored(numbers)[0]):
+    if scatter > core.solver.WRONG_SHAPE or (scatter > 1.0 and noticed & bits.MIRRORED):
         far = f"points lie {scatter:.1f} std off or more"
         return f"the shape is not that of one contact: {far}, or their std is stated too small"
     if not numbers.converged[0]:
         most = core.solver.MOST_EVALUATIONS
         in_most = f" in {most} evaluations of the model" if numbers.evaluations[0] >= most else ""
         return f"the fit did not converge{in_most}"
-    return f"picture and moment contradict each other by {_disagreement(numbers)[0]:.0f} std: check the sensor"
+    return f"picture and moment contradict each other by {_disagreement(numbers):.0f} std: check the sensor"
 
 
 def _unobservable(numbers: FitNumbers, length_m: float) -> str:
     if numbers.edge_on_rad[0] < (
-        ContactSettings.edge_on_blind_rad if _mirrored(numbers)[0] else ContactSettings.edge_on_rad
+        ContactSettings.edge_on_blind_rad if _noticed(numbers) & core.solver.MIRRORED else ContactSettings.edge_on_rad
     ):
         return f"the camera sees the deformation plane edge-on, {np.degrees(numbers.edge_on_rad[0]):.1f}° off"
     if not np.isfinite(numbers.std[0, 0]):
         return "nothing in picture and moment holds the contact distance"
-    if _force_undetermined(numbers)[0]:
+    if _noticed(numbers) & core.solver.FORCE_UNKNOWN:
         return "nothing in picture and moment holds the force in one direction across the antenna"
     near, far = (1e3 * length_m * u[0, 0] for u in (numbers.unknowns, numbers.alternative_unknowns))
     rolls = (np.degrees(np.arctan2(u[0, 2], u[0, 1])) for u in (numbers.unknowns, numbers.alternative_unknowns))
@@ -230,6 +166,6 @@ def _remarks(numbers: FitNumbers) -> list[str]:
     if numbers.friction_share[0] > ContactSettings.friction_share:
         worse = 1.0 / np.sqrt(max(1.0 - float(numbers.friction_share[0]), 1e-2))
         remarks.append(f"unknown friction makes the distance {worse:.0f} times less certain (--friction)")
-    if _disagreement(numbers)[0] > ContactSettings.disagreement:
-        remarks.append(f"picture and moment disagree by {_disagreement(numbers)[0]:.0f} std")
+    if _disagreement(numbers) > ContactSettings.disagreement:
+        remarks.append(f"picture and moment disagree by {_disagreement(numbers):.0f} std")
     return remarks

@@ -14,6 +14,7 @@
 #include "solver/ladder.hpp"
 #include "solver/linearised.hpp"
 #include "solver/motion.hpp"
+#include "solver/report.hpp"
 
 namespace vbaa {
 namespace {
@@ -120,13 +121,14 @@ Frames frames_of(const Rig& rig, nb::handle object) {
 
 solver::Numbers numbers_of(nb::handle object, int count) {
     solver::Numbers n;
-    read(object, std::array{count}, "points", n.points, "evaluations", n.evaluations, "rung", n.rung, "outliers",
-         n.outliers, "converged", n.converged, "at_tip", n.at_tip, "finite", n.finite, "ambiguous", n.ambiguous,
-         "marginal", n.marginal, "shared_std", n.shared_std, "friction_share", n.friction_share, "tip_std", n.tip_std,
-         "cost", n.cost, "rig_chi_square", n.rig_chi_square, "evidence", n.evidence, "scatter", n.scatter, "condition",
-         n.condition, "alternative_cost", n.alternative_cost, "second_gain", n.second_gain, "second_place",
-         n.second_place, "second_shift", n.second_shift, "edge_on_rad", n.edge_on_rad, "drift_px", n.drift_px,
-         "drift_readings", n.drift_readings, "left_px", n.left_px, "farthest", n.farthest);
+    read(object, std::array{count}, "points", n.points, "evaluations", n.evaluations, "rung", n.rung, "rig_axes",
+         n.rig_axes, "outliers", n.outliers, "converged", n.converged, "at_tip", n.at_tip, "finite", n.finite,
+         "ambiguous", n.ambiguous, "marginal", n.marginal, "shared_std", n.shared_std, "friction_share",
+         n.friction_share, "tip_std", n.tip_std, "cost", n.cost, "rig_chi_square", n.rig_chi_square, "evidence",
+         n.evidence, "scatter", n.scatter, "condition", n.condition, "alternative_cost", n.alternative_cost,
+         "second_gain", n.second_gain, "second_place", n.second_place, "second_shift", n.second_shift, "edge_on_rad",
+         n.edge_on_rad, "drift_px", n.drift_px, "drift_readings", n.drift_readings, "left_px", n.left_px, "farthest",
+         n.farthest);
     read(object, std::array{count, solver::READINGS - 1}, "sensor_available", n.sensor_available, "residual",
          n.residual, "residual_std", n.residual_std);
     read(object, std::array{count, 3}, "point_m", n.point_m, "force_N", n.force_N, "tangent", n.tangent, "deflection_m",
@@ -158,6 +160,56 @@ void solve(const nb::tuple& rigs_, nb::handle frames_, int begin, int end, int r
     require(pieces_m.size() == 0 || pieces_m.size() == solver::PIECES, "another number of pieces is tested");
     Released released;
     solver::solve_frames(rigs, frames, begin, end, rung, view(warm), view(pieces_m), numbers);
+}
+
+solver::Limits limits_of(nb::handle object) {
+    solver::Limits found;
+    read_numbers(object, "contact_evidence", found.contact_evidence, "edge_on_rad", found.edge_on_rad,
+                 "edge_on_blind_rad", found.edge_on_blind_rad, "low_signal", found.low_signal, "low_signal_relative",
+                 found.low_signal_relative, "alternative_cost", found.alternative_cost, "steepest", found.steepest,
+                 "steepest_blind", found.steepest_blind, "second_contact", found.second_contact, "second_shift",
+                 found.second_shift, "highest_bias", found.highest_bias, "contradiction", found.contradiction,
+                 "disagreement", found.disagreement, "friction_share", found.friction_share, "fewest_points",
+                 found.fewest_points);
+    return found;
+}
+
+// Statuses and what was noticed of fits.
+struct JudgedRows {
+    Numpy<std::int64_t, 1> status, noticed;
+
+    JudgedRows(nb::handle limits, const solver::Numbers& numbers, int count)
+        : status(room<std::int64_t>(count)), noticed(room<std::int64_t>(count)) {
+        for (std::int64_t rung : numbers.rung) require(0 <= rung && rung <= solver::REFERENCE, "no such rung");
+        solver::judge(numbers, limits_of(limits), {view(status), view(noticed)});
+    }
+};
+
+auto judge(nb::handle limits, nb::handle numbers, int count) {
+    const JudgedRows found(limits, numbers_of(numbers, count), count);
+    return std::make_pair(found.status, found.noticed);
+}
+
+auto report(nb::handle limits, nb::handle numbers_, nb::handle placed_, nb::handle columns_, int count) {
+    const solver::Numbers numbers = numbers_of(numbers_, count);
+    const JudgedRows found(limits, numbers, count);
+    solver::Placed placed;
+    read(placed_, std::array{count, 3, 3}, "rotation", placed.rotation);
+    read(placed_, std::array{count, 3}, "translation_m", placed.translation_m);
+    read_numbers(placed_, "length_m", placed.length_m, "friction_rad", placed.friction_rad, "moment_Nm",
+                 placed.moment_Nm);
+    solver::Columns to;
+    read(columns_, std::array{count}, "in_contact", to.in_contact, "distance_m", to.distance_m, "distance_std_m",
+         to.distance_std_m, "distance_shared_std_m", to.distance_shared_std_m, "force_covariance_yz_N2",
+         to.force_covariance_yz_N2, "moment_residual_Nm", to.moment_residual_Nm, "friction_angle_rad",
+         to.friction_angle_rad, "friction_angle_std_rad", to.friction_angle_std_rad, "evidence", to.evidence);
+    read(columns_, std::array{count, 3}, "point_shared_std_m", to.point_shared_std_m, "force_shared_std_N",
+         to.force_shared_std_N, "force_N", to.force_N, "force_std_N", to.force_std_N, "deflection_m", to.deflection_m,
+         "point_antenna_m", to.point_antenna_m, "point_world_m", to.point_world_m, "force_world_N", to.force_world_N,
+         "tangent_world", to.tangent_world);
+    read(columns_, std::array{count, 3, 3}, "covariance_world_m2", to.covariance_world_m2);
+    solver::report(numbers, {view(found.status), view(found.noticed)}, placed, to);
+    return std::make_pair(found.status, found.noticed);
 }
 
 void rough(const Rig& rig, nb::handle frames_, OutMatrix unknowns, OutCube points_m) {
@@ -281,6 +333,8 @@ void bind_solver(nb::module_& module) {
             [](Rig* at, nb::handle fields, const nb::tuple& cameras) { new (at) Rig(rig_of(fields, cameras)); },
             nb::keep_alive<1, 3>());
     room.def("solve", &solve, "Fits frames from `begin` to `end` on a rung, −1: the highest, into `FitNumbers`.");
+    room.def("judge", &judge, "Statuses (B,) of fits, in their order, and what was noticed (B,), bits of Noticed.");
+    room.def("report", &report, "Columns of `Contacts` into arrays by name; gives what `judge` does.");
     room.def("rough", &rough, "Rough minima (B, 4) on a low rung and the antennas' nodes there (B, M, 3).");
     room.def("linearise", &linearise, "Frames on a rung at unknowns (B, 4), into `Linearised`.");
     room.def("gradients", &gradients,
@@ -300,6 +354,14 @@ void bind_solver(nb::module_& module) {
     room.attr("SMALL_BIAS") = solver::SMALL_BIAS;
     room.attr("PIECES") = solver::PIECES;
     room.attr("NODES") = solver::NODES;
+    room.attr("MIRRORED") = static_cast<int>(solver::MIRRORED);
+    room.attr("AT_CLAMP") = static_cast<int>(solver::AT_CLAMP);
+    room.attr("TOO_STEEP") = static_cast<int>(solver::TOO_STEEP);
+    room.attr("TWICE_TOUCHED") = static_cast<int>(solver::TWICE_TOUCHED);
+    room.attr("UNEXPLAINED") = static_cast<int>(solver::UNEXPLAINED);
+    room.attr("MODEL_TOO_LOW") = static_cast<int>(solver::MODEL_TOO_LOW);
+    room.attr("FORCE_UNKNOWN") = static_cast<int>(solver::FORCE_UNKNOWN);
+    room.attr("OUT_OF_ORDINARY") = static_cast<int>(solver::OUT_OF_ORDINARY);
     room.attr("LANES") = LANES;
     room.attr("HUBER") = solver::HUBER;
     room.attr("END") = static_cast<int>(solver::END);
