@@ -173,7 +173,7 @@ def bound_m(
     known = FrictionPrior(np.zeros(len(rows)), np.full(len(rows), _KNOWN_ANGLE_RAD))
     at = _true_table(table, recorded)
     prior = replace(recorded.true, covariance=recorded.given.covariance)
-    prior = prior if other is None else prior.with_camera("other", other)
+    prior = prior if other is None else replace(prior, others={"other": other})
     problem, state = begun(at, prior, lines, rows, None)
     known = FrictionPrior(problem.friction_rad * state.unknowns[:, 3], known.std_rad)
     problem = replace(problem, friction=known)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,16 +36,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="RIG",
         help="write the rig as the recording determines it; best with known_object in session.yaml",
     )
-    parser.add_argument(
-        "--view",
-        type=Path,
-        nargs=2,
-        action="append",
-        default=[],
-        metavar=("RIG", "SESSION"),
-        help="a further camera that was calibrated and recorded apart: its rig.json, of the same antenna, and its "
-        "session with the same frames; as if it were a camera of the rig",
-    )
     add_accept_rig(parser)
     parser.set_defaults(run=_run)
 
@@ -59,27 +48,14 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.session import refuse_measured
 
     outputs = [args.output] if args.update_rig is None else [args.output, args.update_rig]
-    refuse_outputs(outputs, args.force, (args.contacts, args.rig, *(rig for rig, _ in args.view)))
-    folders = [args.session, *(session for _, session in args.view)]
-    for path, folder in product(outputs, folders):
-        refuse_measured(path, folder)
-    if len({folder.resolve() for folder in folders}) < len(folders):
-        where, remedy = args.view[-1][1], "--view takes the session of another camera"
-        raise InputError("the same pictures are given twice", where=where, remedy=remedy)
+    refuse_outputs(outputs, args.force, (args.contacts, args.rig))
+    for path in outputs:
+        refuse_measured(path, args.session)
     check_format(args.output)
     if args.update_rig is not None and args.update_rig.suffix != ".json":
         raise InputError("is not a .json", where=args.update_rig, remedy="name it something.json")
     table = read_contacts(args.contacts, antenna=args.antenna)
     rig, session, recording = _recording(table, args.rig, args.session, args.accept_rig)
-    # s: pictures of two cameras farther apart are not of one frame
-    others = [_recording(table, path, folder, args.accept_rig, 1e-3) for path, folder in args.view]
-    for number, (other, _, seen) in enumerate(others):
-        with about(args.view[number][0]):
-            rig = rig.with_camera(f"view_{number}", other)
-        recording = [
-            replace(each, others={**each.others, f"view_{number}": one})
-            for each, one in zip(recording, seen, strict=True)
-        ]
     with about(args.contacts):
         found = refine(table, rig, recording, session.known_object)
     write_contacts(args.output, found.contacts.rows(), args.force)
@@ -101,7 +77,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _recording(
-    table: ContactTable, rig_json: Path, folder: Path, accept_rig: bool, within_s: float = 1e-6
+    table: ContactTable, rig_json: Path, folder: Path, accept_rig: bool
 ) -> tuple[Rig, Session, Sequence[Measured]]:
     """The rig, and the measurements of the table's frames. Raises InputError where the session has other frames."""
     import numpy as np
@@ -121,7 +97,7 @@ def _recording(
         raise InputError(f"has no frame {unknown[0]}, which is among the contacts", where=where, remedy=remedy)
     chosen = [frames[int(each)] for each in table.frame]
     times = np.abs(np.array([frame.time_s for frame in chosen]) - table.time_s)
-    if (times > within_s).any():
+    if (times > 1e-6).any():
         what = f"frame {int(table.frame[np.argmax(times)])} has another time than among the contacts"
         raise InputError(what, where=where, remedy=remedy)
     pictures = [frame.image for frame in chosen if frame.image is not None]

@@ -94,7 +94,9 @@ class Batch(Rows):
         """The frames in the solver's form, for one rig."""
         rotation, _ = rig_arrays.rig.kinematics.world_antenna(self.pan_rad, self.tilt_rad)
         gravity = np.einsum("bji,j->bi", rotation, rig_arrays.rig.gravity_world_m_s2)
-        frames = self._ideal(rig_arrays, gravity)
+        cameras = () if self.camera is None or self.tip_camera is None else (self.camera, self.tip_camera)
+        lines = self.points_px, self.sigma_px, self.readings_Nm, self.tip_px
+        frames = frames_from_pixels(rig_arrays, *lines, gravity, *cameras)
         if self.covariance_shape is not None:
             slopes = self.sigma_px[..., None, None] * self.slopes(rig_arrays.rig)
             spread = slopes @ self.covariance_shape @ np.swapaxes(slopes, -1, -2)
@@ -106,23 +108,6 @@ class Batch(Rows):
                 weights  # each residual, and its derivatives, in its own deviations
             )
         return frames
-
-    def _ideal(self, rig_arrays: RigArrays, gravity_m_s2: np.ndarray) -> Frames:
-        if self.camera is None or self.tip_camera is None:
-            lines = self.points_px, self.sigma_px, self.readings_Nm, self.tip_px
-            return frames_from_pixels(rig_arrays, *lines, gravity_m_s2)
-        ones = [replace(rig_arrays, rig=one) for one in rig_arrays.rig.cameras.values()]
-        # of every frame a camera's points stand in the same columns
-        places = (
-            np.searchsorted(self.camera[0], np.arange(len(ones) + 1)) if len(self.camera) else [0] * (len(ones) + 1)
-        )
-        parts = []
-        for index, one in enumerate(ones):
-            own = np.s_[:, places[index] : places[index + 1]]
-            tip = np.where((self.tip_camera == index)[:, None], self.tip_px, np.nan)
-            lines = self.points_px[own], self.sigma_px[own], self.readings_Nm, tip
-            parts.append(frames_from_pixels(one, *lines, gravity_m_s2))
-        return Frames.together(rig_arrays, parts, self.camera, self.tip_camera)
 
     def slopes(self, rig: Rig) -> np.ndarray:
         """(B, N, 2, 2) derivatives of the points' ideal coordinates by their pixels."""
@@ -446,8 +431,9 @@ def without_outliers(
     if not (fitted.farthest > settings.stretch_std).any():
         return frames
     every, nothing = usable.sum(axis=1), dict[int, object]()  # was found in a row, by what
+    ones = [rig, *rig.others.values()]  # each camera's; of the one that saw the farthest point gross errors are sought
     # many together only relative to a fit that no single one has turned, nor the worst of them
-    for least_std, which in ((settings.std, _alone), *[(settings.stretch_std, _stretch)] * 2):
+    for least_std, which in (*[(settings.std, _alone)] * len(ones), *[(settings.stretch_std, _stretch)] * 2):
         suspicious = np.flatnonzero(fitted.farthest > least_std).tolist()
         rows = np.array([row for row in suspicious if nothing.get(row) is not which], int)
         if not len(rows):
@@ -456,10 +442,9 @@ def without_outliers(
         some = replace(frames.picked(rows), usable=usable[rows])
         nodes_m, left = bend(some, rung, fitted.unknowns[rows, None]).points_m, some.usable.copy()
         for row, nodes, own in zip(rows, nodes_m, left, strict=True):
-            points_px = np.where(own[:, None], batch.points_px[row], np.nan)
-            for index, one in enumerate(rig.cameras.values()):
-                mine = slice(None) if batch.camera is None else np.flatnonzero(batch.camera[row] == index)
-                own[mine] *= ~_outliers(one, nodes, points_px[mine], batch.sigma_px[row, mine], which)
+            points_px, camera = np.where(own[:, None], batch.points_px[row], np.nan), fitted.farthest_camera[row]
+            mine = slice(None) if batch.camera is None else np.flatnonzero(batch.camera[row] == camera)
+            own[mine] *= ~_outliers(ones[camera], nodes, points_px[mine], batch.sigma_px[row, mine], which)
         count = (every[rows] - left.sum(axis=1)).astype(int)
         fewer = (left.sum(axis=1) < some.usable.sum(axis=1)) & (count < settings.most * every[rows])
         if not fewer.any():

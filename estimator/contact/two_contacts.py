@@ -185,7 +185,8 @@ class _TwoContactFrame:
         self.prior, self.bend = np.array([0.0, 0.0, 0.0, 1.0] * 2), _TwoContactsSettings.bend
 
     def shape(self, unknowns: np.ndarray, rig: Rig, start: np.ndarray | None = None) -> _TouchedTwice | None:
-        """Rods with unknowns (K, 8); None where they have no equilibrium. start : (5,) a neighbour's solution."""
+        """Rods with unknowns (K, 8), neighbours of the first; None where they have no equilibrium. start : (5,) a
+        solution nearby."""
         rod, settings = rig.antenna.rod, self.settings
         friction = self.arrays.friction_rad
         unit = self.arrays.force_unit_N
@@ -195,10 +196,12 @@ class _TwoContactFrame:
             loads[:, place] = unknowns[:, first] * rod.length_m
             loads[:, place + 1 : place + 3] = unit * unknowns[:, first + 1 : first + 3]
             loads[:, place + 3] = np.clip(friction * unknowns[:, first + 3], -1.4, 1.4)
-        starts = np.zeros((len(loads), 5)) if start is None else np.tile(start, (len(loads), 1))
-        nodes, solution, left = core.antenna.solve_touched_twice(
-            rod.numbers, loads, rod.clamp_give_m, starts, settings.steps
-        )
+        parts, solved = [], np.zeros((1, 5)) if start is None else start[None]
+        for some in (loads[:1], loads[1:]):  # these are neighbours of the first
+            starts = np.repeat(solved, len(some), axis=0)
+            parts.append(core.antenna.solve_touched_twice(rod.numbers, some, rod.clamp_give_m, starts, settings.steps))
+            solved = parts[0][1]
+        nodes, solution, left = map(np.concatenate, zip(*parts, strict=True))
         if not (left < 1e-6).all():
             return None
         turn, lever = rod.T_antenna_clamp.rotation, rod.T_antenna_clamp.translation_m
@@ -249,25 +252,25 @@ class _TwoContactFrame:
         """Residuals and Jacobian at unknowns, of which `free` are solved for. errors : of the rig, or none."""
         step = self.settings.difference
         trials = np.tile(unknowns, (1 + len(free), 1))
-        trials[1 + np.arange(len(free)), free] += step * np.where(np.isin(free, (NEAR, FAR)), -1.0, 1.0)
+        signs = np.array([-1.0 if one in (NEAR, FAR) else 1.0 for one in free])
+        trials[1 + np.arange(len(free)), free] += step * signs
         shape = self.shape(trials, self.rig, start)
         if shape is None:
             return None
-        base = shape.points_m[0]
-        pixels = self.pictures(shape.points_m, self.rig)
-        ahead = self.pictures(base + 1e-6 * shape.tangents[0], self.rig)
-        if not (np.isfinite(pixels).all() and np.isfinite(ahead).all()):
+        ahead_m = shape.points_m[:1] + 1e-6 * shape.tangents[:1]
+        pixels = self.pictures(np.concatenate([shape.points_m, ahead_m]), self.rig)
+        if not np.isfinite(pixels).all():
             return None
+        pixels, ahead = pixels[:, :-1], pixels[:, -1]
         feet = [
-            _feet(each[0], 1e6 * (there - each[0]), shape.arclength_m[0], self.points_px[own])
+            core.search.feet_on(each[0], 1e6 * (there - each[0]), shape.arclength_m[0], self.points_px[own])
             for each, there, own in zip(pixels, ahead, self.of_camera, strict=True)
         ]
         foot, distance, normal = (np.concatenate(parts) for parts in zip(*feet, strict=True))
         moved = self.across(pixels[:, 1:] - pixels[:, :1], foot, normal)
         columns = np.zeros((len(foot) + len(self.reading) + 4, 8))
-        signs = np.where(np.isin(free, (NEAR, FAR)), -1.0, 1.0) / step
         read, bent = self.readings(shape.wrench), self._bends(trials)
-        for row, (column, sign) in enumerate(zip(free, signs, strict=True)):
+        for row, (column, sign) in enumerate(zip(free, signs / step, strict=True)):
             columns[: len(foot), column] = sign * moved[row]
             changes = np.concatenate([read[1 + row] - read[0], bent[1 + row] - bent[0]])
             columns[len(foot) :, column] = sign * changes
@@ -290,7 +293,7 @@ class _TwoContactFrame:
     ) -> _TwoContactFit | None:
         """The local minimum of the cost from these unknowns, and errors of rig and detected line, which are solved
         for, too."""
-        forces = np.isin(np.arange(8), (1, 2, 5, 6))
+        forces, places = np.isin(np.arange(8), (1, 2, 5, 6)), np.isin(free, (NEAR, FAR))
         first = None
         for share in (1.0, 0.5, 0.2):  # small deflections' forces may be too large for any rod
             first = first or self.fit(np.where(forces, share * unknowns, unknowns), free, errors=errors)
@@ -303,7 +306,7 @@ class _TwoContactFrame:
             pull -= (self.prior * at.unknowns)[free]
             # a place at its limit that would go further stays
             away = self._limited(at.unknowns, free, 1e-9 * np.sign(pull)) == at.unknowns
-            pull = np.where(away[free] & np.isin(free, (NEAR, FAR)), 0.0, pull)
+            pull = np.where(away[free] & places, 0.0, pull)
             damped = information + damping * np.diag(np.diag(information) + 1e-9)
             damped[pull == 0.0, :] = damped[:, pull == 0.0] = 0.0
             damped[pull == 0.0, pull == 0.0] = 1.0
@@ -474,40 +477,6 @@ def _along(values: np.ndarray, at: np.ndarray) -> np.ndarray:
     before = np.clip(at.astype(int), 0, values.shape[1] - 2)
     share = (at - before)[:, None]
     return np.asarray((1.0 - share) * values[:, before] + share * values[:, before + 1])
-
-
-def _feet(
-    nodes: np.ndarray, slopes: np.ndarray, arclength_m: np.ndarray, points: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Feet of points (N, 2) on a curve: node coordinate of the nearest place (N,), distance along the normal (N,),
-    and the unit normal (N, 2) there. The curve is cubic between nodes (M, 2) with derivatives (M, 2) by arc length
-    (M,)."""
-    width = np.diff(arclength_m)[:, None]
-    start, end = nodes[:-1], nodes[1:]
-    leave, arrive = slopes[:-1] * width, slopes[1:] * width
-    square, cube = 3.0 * (end - start) - 2.0 * leave - arrive, leave + arrive - 2.0 * (end - start)
-    middle = start + 0.5 * leave + 0.25 * square + 0.125 * cube
-    piece = np.argmin(((points[:, None] - middle) ** 2).sum(axis=-1), axis=1)
-    share = np.full(len(points), 0.5)
-    for _ in range(4):
-        # a foot beyond the piece's end belongs to its neighbour, at the same place
-        piece, share = piece + np.floor(share).astype(int), share - np.floor(share)
-        first = np.clip(piece, 0, len(width) - 1)
-        share, piece = share + (piece - first), first
-        u = share[:, None]
-        at = start[piece] + u * (leave[piece] + u * (square[piece] + u * cube[piece]))
-        slope = leave[piece] + u * (2.0 * square[piece] + 3.0 * u * cube[piece])
-        share = share + ((points - at) * slope).sum(axis=1) / np.maximum((slope**2).sum(axis=1), 1e-30)
-        # beyond the ends the curve goes on straight: points there tell little of the shape
-        share = np.clip(share, -1.0 - (piece > 0), 2.0 + (piece < len(width) - 1))
-    share = np.clip(share, np.where(piece == 0, -1.0, 0.0), np.where(piece == len(width) - 1, 2.0, 1.0))
-    u = share[:, None]
-    inside = np.clip(u, 0.0, 1.0)
-    at = start[piece] + inside * (leave[piece] + inside * (square[piece] + inside * cube[piece]))
-    slope = leave[piece] + inside * (2.0 * square[piece] + 3.0 * inside * cube[piece])
-    tangent = slope / np.maximum(np.linalg.norm(slope, axis=1), 1e-30)[:, None]
-    normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
-    return piece + inside[:, 0], ((points - at) * normal).sum(axis=1), normal
 
 
 def _misfit(at: _TwoContactFit) -> tuple[float, float]:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vbaa_calib.camera.lens import lens_of
 from vbaa_calib.core.arrays import Rows
 from vbaa_calib.native import core
 
@@ -51,23 +49,6 @@ class Frames(Rows):
         available[:, core.solver.END] = ends
         return replace(self, available=available)
 
-    @staticmethod
-    def together(rig_arrays: RigArrays, parts: Sequence[Frames], camera: np.ndarray, tip_camera: np.ndarray) -> Frames:
-        """Frames of several cameras from one part for each, with the end by camera tip_camera (B,)."""
-        rows = np.arange(len(tip_camera))
-        points, covariance, usable = (
-            np.concatenate([getattr(part, name) for part in parts], axis=1)
-            for name in ("points", "covariance", "usable")
-        )
-        tip, tip_covariance, ends = (
-            np.stack([getattr(part, name) for part in parts])[tip_camera, rows]
-            for name in ("tip", "tip_covariance", "ends")
-        )
-        frames = replace(parts[0], rig_arrays=rig_arrays, points=points, covariance=covariance, usable=usable)
-        frames = replace(frames, tip=tip, tip_covariance=tip_covariance, camera=camera, tip_camera=tip_camera)
-        frames.available[:, core.solver.END] = ends
-        return frames
-
     @property
     def ends(self) -> np.ndarray:
         """(B,) weights `available` of the antenna's end."""
@@ -81,34 +62,40 @@ def frames_from_pixels(
     readings_Nm: np.ndarray,
     tip_px: np.ndarray,
     gravity_m_s2: np.ndarray,
+    *cameras: np.ndarray,
 ) -> Frames:
     """Frames from pixels (B, N, 2) with standard deviations (B, N) across the antenna; what is not finite counts as
     missing.
 
     `readings_Nm` (B, 6) as `session.READINGS`: NaN where there is none. `tip_px` (B, 3): the antenna's end and its
-    deviation along it. `gravity_m_s2` (B, 3) in the antenna frame, of a rig with one camera.
+    deviation along it. `gravity_m_s2` (B, 3) in the antenna frame. `cameras` : `Frames.camera`, of every frame the same
+    and in order, and `Frames.tip_camera`; by default the first.
     """
-    points, covariance, usable = _ideal(rig_arrays, points_px, sigma_px)
+    count, wide = points_px.shape[:2]
+    camera, of_tip = cameras or (np.zeros((count, wide), np.int64), np.zeros(count, np.int64))
+    several = 1 + len(rig_arrays.rig.others)
+    ends = np.searchsorted(camera[0], np.arange(1, several + 1)) if count else np.zeros(several, int)
+    points, covariance, usable = _ideal(rig_arrays, points_px, sigma_px, ends)
     slots, own = rig_arrays.sensors, readings_Nm[:, : len(rig_arrays.sensors)]
     read = np.isfinite(own) & rig_arrays.exists
-    reading, available = np.zeros((2, len(points), len(rig_arrays.std)))
+    reading, available = np.zeros((2, count, len(rig_arrays.std)))
     reading[:, slots], available[:, slots] = np.where(read, own, 0.0), read
-    if rig_arrays.rig.tip is None:
-        tip, tip_covariance = np.zeros((len(points), 2)), np.tile([1.0, 0.0, 1.0], (len(points), 1))
-    else:
-        tip, tip_covariance, available[:, core.solver.END] = _ideal(rig_arrays, tip_px[:, :2], tip_px[:, 2])
+    tip, tip_covariance = np.zeros((count, 2)), np.tile([1.0, 0.0, 1.0], (count, 1))
+    for index in range(0 if rig_arrays.rig.tip is None else several):
+        (rows,) = np.nonzero(of_tip == index)
+        ends = np.arange(several) >= index
+        seen = _ideal(rig_arrays, tip_px[rows, None, :2], tip_px[rows, None, 2], ends)
+        tip[rows], tip_covariance[rows], available[rows, core.solver.END] = (each[:, 0] for each in seen)
     gravity = np.ascontiguousarray(gravity_m_s2, float)
-    cameras = np.zeros(usable.shape, np.int64), np.zeros(len(usable), np.int64)
     measured = reading, tip, tip_covariance, available, gravity
-    return Frames(rig_arrays, points, covariance, usable, *measured, *cameras)
+    return Frames(rig_arrays, points, covariance, usable, *measured, camera, of_tip)
 
 
 def _ideal(
-    rig_arrays: RigArrays, points_px: np.ndarray, sigma_px: np.ndarray
+    rig_arrays: RigArrays, points_px: np.ndarray, sigma_px: np.ndarray, ends: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Normalized coordinates of pixels (..., 2), their covariances (..., 3), and 1 for usable ones (...)."""
-    shape, lens = points_px.shape[:-1], lens_of(rig_arrays.rig.camera.intrinsics)
-    flat = np.ascontiguousarray(points_px, float).reshape(-1, 2)
-    sigma = np.ascontiguousarray(sigma_px, float).reshape(-1)
-    points, covariance, usable = core.solver.ideal_points(lens, flat, sigma)
-    return points.reshape(*shape, 2), covariance.reshape(*shape, 3), usable.reshape(shape)
+    """Pixels (B, N, 2) in normalized coordinates, their covariances (B, N, 3), and 1 for usable ones (B, N). `ends` :
+    the columns before which each camera's end."""
+    lines = (np.ascontiguousarray(each, float) for each in (points_px, sigma_px))
+    points, covariance, usable = core.solver.ideal_points(rig_arrays.core, *lines, ends.astype(np.int64))
+    return points, covariance, usable

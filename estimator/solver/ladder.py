@@ -31,7 +31,7 @@ def solve(
         core.solver.solve(rigs, frames, begin, end, rung, starts, pieces, found)
 
     in_threads(work, len(frames), jobs)
-    found.rig_axes[:] = rig_arrays.steps
+    found.rig_axes[:] = rig_arrays.axes.any(axis=0).sum() + rig_arrays.line.size
     return found
 
 

@@ -49,8 +49,8 @@ class FitNumbers:
     explained_alone : (B,) bool, one contact explains the picture alone; computed only where the readings do not fit.
     left_px : (B,) how far most points stay from the nearest antenna; NaN unless that is why the fit ended.
     bias : (B, len(RUNGS)), NaN where it was not compared.
-    farthest : (B,) largest residual of a point, in standard deviations. outliers : (B,) points that lie far off their
-        neighbours and were left out.
+    farthest, farthest_camera : (B,) largest residual of a point, in standard deviations, and which camera saw that.
+    outliers : (B,) points that lie far off their neighbours and were left out.
     pieces_m, pieces_std_m : points of the fitted antenna at `Beam.pieces_m`, antenna frame, and their deviations by
         the noise of one frame. push : how far a load of 1 N/m on each piece, along y and z, would move the distance,
         in deviations. NaN where motion is not tested.
@@ -98,6 +98,7 @@ class FitNumbers:
     left_px: np.ndarray = _each()
     bias: np.ndarray = _each(len(RUNGS))
     farthest: np.ndarray = _each()
+    farthest_camera: np.ndarray = _each(dtype=int)
     outliers: np.ndarray = _each(dtype=int)
     pieces_m: np.ndarray = _each(core.solver.PIECES, 3)
     pieces_std_m: np.ndarray = _each(core.solver.PIECES)

@@ -14,7 +14,7 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.camera.lens import lens_of
 from vbaa_calib.geometry import Pose
 from vbaa_calib.native import core
-from vbaa_calib.rig import POSE_PARAMETERS, RIG_STEPS, MomentSensor, Rig, WrenchSensor
+from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, RIG_STEPS, MomentSensor, Rig, WrenchSensor
 from vbaa_calib.session import READINGS
 
 POSES, ANTENNA = len(POSE_PARAMETERS), len(ANTENNA_PARAMETERS)
@@ -32,7 +32,8 @@ class RigArrays:
     ----------
     friction_rad : standard deviation of the contact force's angle from the antenna's normal; 0: no friction.
     axes : (17 + P, R) independent steps of the rig's parameters and the lens, each of unit standard deviation:
-        axes @ axes.T is their covariance. R is 0 for a rig without uncertainty. (18 + P, R) with the tip's offset.
+        axes @ axes.T is their covariance. R is 0 for a rig without uncertainty. (18 + P, R) with the tip's offset. Of
+        several cameras some columns are zero.
     std : (K,) of the readings, as `sensors` and the antenna's end; 1 for a missing one.
     by_wrench : (7, 7) the readings, in their deviations, by force and moment at the clamp, and 1; 0 for a missing one.
     by_sensor : (2 + W, 7, 7) the same by a unit of the sensors' parameters: the moment's gain and offset, and the W of
@@ -59,6 +60,7 @@ class RigArrays:
         axes = rig.axes
         size = np.abs(axes).max(axis=0)
         axes = axes[:, size > 1e-9 * max(float(size.max()), 1e-300)]  # smaller ones are rounding
+        axes = _by_vectors(axes, rig) if rig.others else axes
         line_px = np.hypot(rig.drift.line_px, rig.drift.light_px) if drift else 0.0
         focal = [_focal_px(one.camera) for one in rig.cameras.values()]
         own = np.array([np.full(LINE_ERRORS if line_px > 0.0 else 0, line_px / each) for each in focal])
@@ -129,6 +131,21 @@ class RigArrays:
     def unit_load(self) -> float:
         """F·l²/EI of a unit force at the tip."""
         return self.force_unit_N * self.length_m**2 / self.rig.antenna.stiffness_Nm2
+
+
+def _by_vectors(axes: np.ndarray, rig: Rig) -> np.ndarray:
+    """Axes (Q, R) of several cameras with columns of zeros wherever other cameras depend on the next column: there one
+    of the core's vectors of eight columns begins, and whole ones do not matter to a picture."""
+    lenses = [len(one.camera.parameter_names) * rig.with_lens for one in rig.cameras.values()]
+    at = len(axes) - sum(POSES + count for count in lenses[1:])
+    own = [np.r_[:POSES, len(RIG_PARAMETERS) : len(RIG_PARAMETERS) + lenses[0]]]
+    own += [np.arange(at, at := at + POSES + count) for count in lenses[1:]]
+    moved = np.array([axes[rows].any(axis=0) for rows in own])
+    wide = np.zeros((len(axes), 0))
+    for part in np.split(axes, np.flatnonzero((moved[:, 1:] != moved[:, :-1]).any(axis=0)) + 1, axis=1):
+        gap = -(UNKNOWNS + wide.shape[1]) % 8 if wide.size else 0
+        wide = np.hstack([np.pad(wide, ((0, 0), (0, gap))), part])
+    return wide
 
 
 def _focal_px(camera: Camera) -> Any:

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks.estimator.cameras import drawn
 from benchmarks.estimator.setup import ACROSS, Setup, drawn_truth
 from benchmarks.object.scenes import AXIS, CASES, CENTRE, RIGID, SETUP, Recorded, contacts, play
 from benchmarks.recording.recording import CELLS, PIN_M, PIN_STD_M, bound_m, lengthened, measured, played, run
 from estimator.recording import Refined, refine
 from estimator.table.contacts import ContactTable, Measured
+from vbaa_calib.rig import Rig
 from vbaa_calib.session import KnownObject
 from vbaa_calib.simulate.scene.objects import TouchObject
-
-from ..recordings import SESSION
 
 FRAMES = 74
 CALIBRATED = replace(SETUP, exact=False).rig()
@@ -151,26 +149,25 @@ def shown() -> list[Recorded]:
 
 
 @cache
-def seen(seed: int) -> tuple[list[Recorded], ContactTable, list[list[Measured]]]:
-    """The recording by both cameras, each with a calibration of its own, and what the first finds frame by frame."""
+def seen(seed: int) -> tuple[list[Recorded], ContactTable, list[list[Measured]], Rig]:
+    """The recording by both cameras of one calibration, what the first finds frame by frame, and the rig of both."""
     rng = np.random.default_rng((31, seed))
-    both = [
-        one.noisy(rng, drawn_truth(replace(setup, exact=False).rig(), rng))
-        for one, setup in zip(shown(), SETUPS, strict=True)
-    ]
-    return both, contacts(both[0]), [measured(each) for each in both]
+    first, other = (replace(setup, exact=False).rig() for setup in SETUPS)
+    both = drawn(replace(first, others={"other": other}), rng)
+    several = [one.noisy(rng, rig) for one, rig in zip(shown(), both.cameras.values(), strict=True)]
+    return several, contacts(several[0]), [measured(each) for each in several], both
 
 
 @cache
 def alone(seed: int) -> Refined:
-    both, table, lines = seen(seed)
+    both, table, lines, _ = seen(seed)
     return refine(table, both[0].given, lines[0])
 
 
 @cache
 def together(seed: int) -> Refined:
-    both, table, lines = seen(seed)
-    return refine(table, both[0].given.with_camera("other", both[1].given), joined(*lines))
+    _, table, lines, rig = seen(seed)
+    return refine(table, rig, joined(*lines))
 
 
 def joined(one: list[Measured], other: list[Measured]) -> list[Measured]:
@@ -181,7 +178,7 @@ def joined(one: list[Measured], other: list[Measured]) -> list[Measured]:
 def test_what_is_edge_on_to_one_camera_is_located_at_the_bound_by_two(draws: int) -> None:
     square, allowed, held = [], [], []
     for seed in range(draws):
-        both, table, lines = seen(seed)
+        both, table, lines, _ = seen(seed)
         found, truth = together(seed), both[0].truth
         blind = np.flatnonzero(truth.in_contact & ~table.located)
         assert len(blind) > 10
@@ -196,19 +193,3 @@ def test_what_is_edge_on_to_one_camera_is_located_at_the_bound_by_two(draws: int
         held.append(np.abs(found.contacts.distance_m[rows] - truth.distance_m[rows]) < 1.96 * std)
     assert np.sqrt(np.concatenate(square).mean() / np.concatenate(allowed).mean()) < 1.15
     assert np.concatenate(held).mean() > 0.9
-
-
-def written(recorded: Recorded, lines: list[Measured], folder: Path) -> tuple[Path, Path]:
-    """rig.json and session of a camera."""
-    session = folder / "session"
-    (session / "recording").mkdir(parents=True)
-    (session / "session.yaml").write_text(SESSION.replace("drift: lab\n", ""))
-    (folder / "rig.json").write_text(json.dumps(recorded.given.to_dict()))
-    rows, points = ["frame,time_s,pan_rad,tilt_rad,moment_Nm"], ["frame,u_px,v_px,sigma_px"]
-    for frame, each in enumerate(lines):
-        rows.append(f"{frame},{each.time_s!r},{each.pan_rad!r},{each.tilt_rad!r},{each.moment_Nm!r}")
-        pixels = each.points_px[np.isfinite(each.points_px).all(axis=1)].tolist()
-        points += [f"{frame},{u!r},{v!r},{recorded.sigma_px}" for u, v in pixels]
-    (session / "recording" / "recording.csv").write_text("\n".join(rows) + "\n")
-    (session / "recording" / "centrelines.csv").write_text("\n".join(points) + "\n")
-    return folder / "rig.json", session

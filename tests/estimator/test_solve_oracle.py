@@ -10,8 +10,8 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 
+from estimator.solver.rig_arrays import RigArrays
 from vbaa_calib.antenna.rod import RodShape
-from vbaa_calib.camera.lens import lens_of
 from vbaa_calib.core.robust import HUBER
 from vbaa_calib.native import core
 
@@ -91,9 +91,9 @@ def test_scipy_ends_at_the_same_minimum(contact: float, roll: float, tip_m: floa
 def test_ideal_points_are_the_cameras() -> None:
     """Covariances by finite differences of OpenCV's inverse; what is not finite does not count."""
     pixels = np.array([[500.0, 300.0], [12.0, 700.0], [np.nan, 5.0], [900.0, 20.0]])
-    points, covariance, usable = core.solver.ideal_points(
-        lens_of(WORLD.rig().camera.intrinsics), pixels, np.array([0.1, 0.2, 0.1, np.inf])
-    )
+    several, sigma_px = RigArrays.from_rig(WORLD.rig(), 0.0).core, np.array([[0.1, 0.2, 0.1, np.inf]])
+    found = core.solver.ideal_points(several, pixels[None], sigma_px, np.array([4]))
+    points, covariance, usable = (each[0] for each in found)
     exact = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 200, 1e-14)
 
     def undone(at: np.ndarray) -> np.ndarray:

@@ -69,7 +69,6 @@ CALLS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ),
     ("markers on circles", "intrinsics session/intrinsics --circles 4x11 --marker 0.01 -o o.json", ("--marker",)),
     ("onto the rig", "track contacts.csv --rig rig.json --force -o rig.json", ("rig.json", "is an input")),
-    ("the same camera twice", f"{REFINE} -o a.csv --view rig.json session", ("session: the same pictures",)),
     ("smooth without a rig", "track contacts.csv -o a.csv --smooth b.csv", ("--smooth needs --rig",)),
     ("live onto its source", f"{LIVE} -o session/recording/recording.csv --force", ("recording.csv: is an input",)),
     ("a gap of NaN", f"{LIVE} --gap nan", ("--gap is nan",)),

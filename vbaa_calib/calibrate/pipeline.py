@@ -57,6 +57,28 @@ class Calibration:
     given: GivenLens | None = None
     others: Mapping[str, Calibration] = field(default_factory=dict)
 
+    @staticmethod
+    def together(each: Mapping[str, Calibration]) -> Calibration:
+        """The first of several cameras' calibrations, by name, with the rig of all of them, which one solve finds. Each
+        was made by itself, with the same antenna, joints and sensors.
+
+        Raises
+        ------
+        InputError : they are of different antennas.
+        SolveError : the solve does not converge.
+        """
+        (first, made), *rest = each.items()
+        findings = list(made.rig.verdict.findings)
+        for name, one in rest:
+            findings += [replace(finding, words=f"{name}: {finding.words}") for finding in one.rig.verdict.findings]
+        joint = BundleAdjustment.together({name: one.joint for name, one in each.items()})
+        rigs = {
+            name: replace(make_rig(made.session, made.plane.kinematics, one, one.noted), image=each[name].rig.image)
+            for name, one in joint.items()
+        }
+        main = replace(rigs.pop(first), camera_name=first, others=rigs, verdict=Verdict.of(findings))
+        return replace(made, rig=main, others=dict(rest))
+
 
 def prior_of_session(session: Session, lens: LensSolution, plane: PlaneC) -> Prior:
     """The priors of bundle adjustment, from the results for lens and plane C."""
@@ -145,17 +167,7 @@ def _every_camera(session: Session, lens_model: str, given: GivenLens | None) ->
     for name in session.cameras:
         alone = replace(session.of_camera(name), cameras={name: session.cameras[name]})
         each[name] = calibrate(alone, lens_model)
-    (first, made), *rest = each.items()
-    findings = list(made.rig.verdict.findings)
-    for name, one in rest:
-        findings += [replace(finding, words=f"{name}: {finding.words}") for finding in one.rig.verdict.findings]
-    joint = BundleAdjustment.together({name: one.joint for name, one in each.items()})
-    rigs = {
-        name: replace(make_rig(session, made.plane.kinematics, joint[name], one.noted), image=each[name].rig.image)
-        for name, one in joint.items()
-    }
-    main = replace(rigs.pop(first), camera_name=first, others=rigs, verdict=Verdict.of(findings))
-    return replace(made, session=session, rig=main, others=dict(rest))
+    return replace(Calibration.together(each), session=session)
 
 
 @gate

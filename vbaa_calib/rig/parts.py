@@ -106,7 +106,7 @@ class Antenna:
         """ρA, at the clamp."""
         return float(np.exp(self.parameters[7]))
 
-    @property
+    @cached_property
     def rod(self) -> Rod:
         """The antenna as a round rod with its clamping."""
         from vbaa_calib.antenna.rod import TORSION_RATIO, Rod  # loads SciPy

@@ -16,7 +16,6 @@ from vbaa_calib.camera.lens import from_core
 from vbaa_calib.core.arrays import as_floats, fixed, gate, of_shape, real_gravity
 from vbaa_calib.core.errors import InputError, Verdict, quoted
 from vbaa_calib.core.files import read_json, write_json
-from vbaa_calib.core.least_squares import disagreement_p
 from vbaa_calib.geometry import PLANE_C, Kinematics, Plane, Pose
 from vbaa_calib.geometry.independent_axes import independent_axes, is_covariance
 from vbaa_calib.session import DRIFTS, READINGS, Drift, MomentSensor, MovingClamp
@@ -58,68 +57,6 @@ def _named(name: str, one: tuple[Antenna, np.ndarray]) -> tuple[str, dict[str, A
     antenna, std = one
     by_name = dict(zip(ANTENNA_PARAMETERS, std.tolist(), strict=True))
     return name, antenna.to_dict(by_name.__getitem__) | {"parameters_std": std.tolist()}
-
-
-def _refuse_other_antenna(
-    name: str, first: Rig, other: Rig, both: list[tuple[np.ndarray, np.ndarray]], known: np.ndarray
-) -> None:
-    """Raises InputError where two calibrations are of significantly different antennas."""
-    apart = (both[1][0] - both[0][0])[known]
-    together = (both[0][1] + both[1][1])[np.ix_(known, known)]
-    std = np.sqrt(np.diag(together))
-    square = (apart / std) @ np.linalg.solve(together / np.outer(std, std), apart / std)
-    length = first.antenna.length_m / other.antenna.length_m - 1.0
-    if abs(length) > 1e-2 or disagreement_p(np.array([square]), np.array([len(known)]))[0] < 1e-6:
-        worst = ANTENNA_PARAMETERS[known[np.argmax(np.abs(apart / std))]]
-        what = f"camera {name} finds another antenna than {first.camera_name}, most of all {worst}"
-        remedy = "check plane, loads and noload of both cameras, and that both saw the same antenna"
-        raise InputError(f"{what}, {np.abs(apart / std).max():.1f} std off", remedy=remedy)
-
-
-def _intersection(both: list[tuple[np.ndarray, np.ndarray]], known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Covariance intersection of two estimates of the parameters `known`, with the weight of smallest volume: the
-    step from the first estimate, and its covariance."""
-    unit = np.sqrt(np.diag(both[0][1])[known])
-    first, second = (np.linalg.inv(one[np.ix_(known, known)] / np.outer(unit, unit)) for _, one in both)
-    weights = np.linspace(0.0, 1.0, 41)
-    sizes = [np.linalg.slogdet(w * second + (1.0 - w) * first)[1] for w in weights]
-    weight = float(weights[np.argmax(sizes)])
-    covariance = np.linalg.inv(weight * second + (1.0 - weight) * first)
-    step = covariance @ (weight * second @ ((both[1][0] - both[0][0])[known] / unit))
-    return step * unit, covariance * np.outer(unit, unit)
-
-
-def _about(rig: Rig, known: np.ndarray, step: np.ndarray, joined: np.ndarray) -> Rig:
-    """A rig of one camera with some of the antenna's parameters changed by a step, and another covariance."""
-    covariance = rig.covariance_with_tip
-    unit = np.sqrt(np.diag(covariance)[known])
-    slopes = covariance[:, known] / unit @ np.linalg.inv(covariance[np.ix_(known, known)] / np.outer(unit, unit)) / unit
-    whole = covariance + slopes @ (joined - covariance[np.ix_(known, known)]) @ slopes.T
-    return rig.moved(slopes @ step).with_covariance(0.5 * (whole + whole.T))
-
-
-def _with_readings_of(main: Rig, rig: Rig, known: np.ndarray) -> Rig:
-    """A further camera's rig with the first one's antenna and sensors; its own pose and lens change with the
-    antenna."""
-    pose, joint, lens = len(POSE_PARAMETERS), len(RIG_PARAMETERS), len(rig.covariance)
-    whole, first = rig.covariance_with_tip.copy(), main.covariance_with_tip
-    own, shared = np.r_[:pose, joint:lens], np.r_[pose:joint, lens : len(whole)]
-    of_first = np.r_[pose:joint, len(main.covariance) : len(first)]
-    unit = np.sqrt(np.diag(whole)[known])
-    slopes = whole[np.ix_(own, known)] / unit @ np.linalg.inv(whole[np.ix_(known, known)] / np.outer(unit, unit)) / unit
-    left = whole[np.ix_(own, own)] - slopes @ whole[np.ix_(known, own)]
-    across = slopes @ first[np.ix_(known, of_first)]
-    whole[np.ix_(own, own)] = left + slopes @ first[np.ix_(known, known)] @ slopes.T
-    whole[np.ix_(own, shared)], whole[np.ix_(shared, own)] = across, across.T
-    whole[np.ix_(shared, shared)] = first[np.ix_(of_first, of_first)]
-    same = {name: getattr(main, name) for name in _OF_ALL_CAMERAS}
-    return replace(rig, **same, wrench_sensor=_same_readings(main, rig)).with_covariance(0.5 * (whole + whole.T))
-
-
-def _same_readings(main: Rig, rig: Rig) -> WrenchSensor | None:
-    """The first rig's wrench sensor, with covariance rows for another camera's lens."""
-    sensor, own = main.wrench_sensor, rig.wrench_sensor
-    return sensor if sensor is None or own is None else replace(sensor, covariance=own.covariance)
 
 
 def _of_camera(data: Mapping[str, Any], name: str) -> dict[str, Any]:
@@ -265,40 +202,22 @@ class Rig:
         """The only camera, or several cameras by name."""
         return {name: one.camera for name, one in self.cameras.items()} if self.others else self.camera
 
-    @gate
-    def with_camera(self, name: str, other: Rig) -> Rig:
-        """The rig with a further camera, from its own calibration with the same antenna, sensors and joints.
-
-        For cameras that were calibrated apart: those of one session are solved together. How far their errors are
-        common is not known: the antenna is their covariance intersection, which holds for any correlation, and each
-        camera moves with it as its own calibration says. Sensors, joints and drift are this rig's.
-
-        Raises
-        ------
-        InputError : it is another antenna, or there is a camera of that name.
-        """
-        first, pose = self, len(POSE_PARAMETERS)
-        if first.tip is None or other.tip is None:
-            first = replace(first, tip=None, others={key: replace(one, tip=None) for key, one in first.others.items()})
-            other = replace(other, tip=None)
-        antenna = slice(pose, pose + len(ANTENNA_PARAMETERS))
-        both = [(one.antenna.parameters, one.covariance[antenna, antenna]) for one in (first, other)]
-        known = np.flatnonzero((np.diag(both[0][1]) > 0.0) & (np.diag(both[1][1]) > 0.0))
-        _refuse_other_antenna(name, first, other, both, known)
-        step, joined = _intersection(both, known)
-        rigs = {key: _about(one, known + pose, step, joined) for key, one in first.cameras.items()}
-        rigs[name] = _about(other, known + pose, step - (both[1][0] - both[0][0])[known], joined)
-        main = rigs.pop(first.camera_name)
-        others = {key: _with_readings_of(main, one, known + pose) for key, one in rigs.items()}
-        return replace(main, others=others, camera_name=first.camera_name)
-
     @property
     def axes(self) -> np.ndarray:
-        """(Q, R) independent steps of `covariance_with_tip`, one standard deviation long; those of further cameras
-        that change neither the antenna nor its readings come last."""
+        """(Q, R) independent steps of `covariance_with_tip`, one standard deviation long; with several cameras first
+        those of the antenna and its readings, then, camera by camera, those that change neither."""
         first = axes = independent_axes((replace(self, others={}) if self.others else self).covariance_with_tip)
         pose, joint, lens = len(POSE_PARAMETERS), len(RIG_PARAMETERS), len(self.covariance)
-        shared = first[np.r_[pose:joint, lens : len(first)]]
+        both = np.r_[pose:joint, lens : len(first)]
+        if self.others:
+            # what is known exactly has no axis: turned, it would have one
+            size = np.abs(first).max(axis=0)
+            first = first[:, size > 1e-12 * size.max()]
+            known = both[first[both].any(axis=1)]
+            unit = np.linalg.norm(first[known], axis=1, keepdims=True)
+            first = axes = first @ np.linalg.qr((first[known] / unit).T, mode="complete")[0]
+            first[both, len(known) :] = 0.0  # but for rounding
+        shared = first[both]
         for other in self.others.values():
             alone, lens = independent_axes(other.covariance_with_tip), len(other.covariance)
             own, known = alone[np.r_[:pose, joint:lens]], alone[np.r_[pose:joint, lens : len(alone)]]

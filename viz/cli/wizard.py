@@ -181,20 +181,24 @@ def _walk(args: argparse.Namespace, store: Store, answers: dict[str, Any]) -> di
 
 
 def _further_cameras(state: SessionState, ui: Ui) -> bool:
-    """Calibrate the further named cameras, each in a session of its own in cameras/NAME of this one, and add them to
-    rig.json. Returns whether all were calibrated.
+    """Calibrate the further named cameras, each in a session of its own in cameras/NAME of this one, and solve all of
+    them together for rig.json. Returns whether all were calibrated.
 
     Raises InputError for a name that is none, and for another antenna.
     """
     from vbaa_calib.calibrate.check.finding import FAILS
+    from vbaa_calib.calibrate.pipeline import Calibration, calibrate
+    from vbaa_calib.calibrate.report import rig_document
     from vbaa_calib.rig import Rig
+    from vbaa_calib.session import load_session
+    from vbaa_calib.wizard.session_state import SessionState
     from vbaa_calib.wizard.steps import RIG
     from vbaa_calib.wizard.store import Store
     from vbaa_calib.wizard.ui import Interrupted
 
     store, question, name = state.store, BY_KEY["another_camera"], ""
     names = [name for name in str(store.journal.answers.get(question.key, "")).split(",") if name]
-    rig: Rig | None = None
+    lenses = {"camera": state.given_lens}
     while True:
         try:
             if not names:
@@ -202,9 +206,9 @@ def _further_cameras(state: SessionState, ui: Ui) -> bool:
                 if answer == "none":
                     break
                 names = [answer]
-                store.answer({question.key: ",".join([*list(rig.others if rig else ()), answer])})
-            name, rig = names.pop(0).strip(), rig or Rig.load(store.root / RIG)
-            if not re.fullmatch(r"[A-Za-z0-9_-]{1,32}", name) or name in rig.cameras:
+                store.answer({question.key: ",".join([*list(lenses)[1:], answer])})
+            name = names.pop(0).strip()
+            if not re.fullmatch(r"[A-Za-z0-9_-]{1,32}", name) or name in lenses:
                 remedy = "give each camera its own name of letters and digits, such as right"
                 raise InputError(f"{question.key} is {name!r}", remedy=remedy)
             with Store(store.root / "cameras" / name) as own:
@@ -212,16 +216,20 @@ def _further_cameras(state: SessionState, ui: Ui) -> bool:
                     own.answer(_of_all_cameras(store))
                 ui.say(f"camera {name}: {own.root} continues")
                 document = _conclusion(own, ui)
+                lenses[name] = SessionState(own).given_lens
             if document["verdict"] == FAILS:
                 raise InputError(f"camera {name} is not taken into the rig: {document['words']}", where=own.root)
-            rig = rig.with_camera(name, Rig.load(own.root / RIG))
         except Interrupted:
             ui.say(f"stopped; the same command goes on with camera {name}")
             return False
-    if rig is not None and rig.others:
-        data = read_json(store.root / RIG) | rig.to_dict()
-        write_json(store.root / RIG, data, True, readable_as=Rig.from_dict)
-        ui.say(f"{store.root / RIG} has the cameras {', '.join(rig.cameras)}")
+    if len(lenses) > 1:
+        ui.working("all cameras in one solve")
+        roots = (store.root, *(store.root / "cameras" / name for name in list(lenses)[1:]))
+        made = [calibrate(load_session(root), given=lens) for root, lens in zip(roots, lenses.values(), strict=True)]
+        guide = read_json(store.root / RIG)["quality"]["guide"]
+        several = Calibration.together(dict(zip(lenses, made, strict=True)))
+        write_json(store.root / RIG, rig_document(several, ["vbaa", "wizard"], guide), True, readable_as=Rig.from_dict)
+        ui.say(f"{store.root / RIG} has the cameras {', '.join(lenses)}")
     return True
 
 

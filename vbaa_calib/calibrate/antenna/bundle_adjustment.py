@@ -678,8 +678,8 @@ def _refuse_other_antenna(name: str, one: BundleAdjustment, other_name: str, oth
     # both rest on the same loads: their difference is smaller than the sum of their covariances says
     both = one.covariance[antenna, antenna] + other.covariance[antenna, antenna]
     apart, std = other.parameters[antenna] - one.parameters[antenna], np.sqrt(np.diag(both))
-    square = chi_square(apart, both)
-    if disagreement_p(np.array([square]), np.array([len(apart)]))[0] < AntennaSettings.contradicts:
+    p = disagreement_p(np.array([chi_square(apart, both)]), np.array([len(apart)]))[0]
+    if p < AntennaSettings.contradicts or one.problem.length_m != other.problem.length_m:
         worst = int(np.argmax(np.abs(apart / std)))
         what = f"camera {other_name} finds another antenna than {name}, most of all {PARAMETERS[worst]}"
         remedy = "check plane, loads and noload of both cameras, and that both saw the same antenna"

@@ -58,18 +58,23 @@ void solve_columns(ConstMatrix factor, ConstVector scale, int size, double* side
     rescale();
 }
 
-// LANES × LANES·COUNT inner products of columns from a on with those of the product from b on.
+// Adds LANES × LANES·COUNT inner products of columns from a on with COUNT vectors of the product.
 template <int COUNT>
-void block_of_products(ConstMatrix columns, ConstMatrix product, int a, int b, Matrix total) {
+void add_block_of_products(ConstMatrix columns, ConstMatrix product, int a, const int* vectors, Matrix total) {
     Lanes sums[LANES][COUNT] = {};
     for (int j = 0; j < product.shape[0]; ++j) {
-        const double *left = &columns(j, a), *right = &product(j, b);
+        const double* left = &columns(j, a);
+        Lanes right[COUNT];
+        for (int c = 0; c < COUNT; ++c) right[c] = load(&product(j, vectors[c] * LANES));
         for (int k = 0; k < LANES; ++k) {
-            for (int c = 0; c < COUNT; ++c) sums[k][c] += left[k] * load(right + c * LANES);
+            for (int c = 0; c < COUNT; ++c) sums[k][c] += left[k] * right[c];
         }
     }
     for (int k = 0; k < LANES; ++k) {
-        for (int c = 0; c < COUNT; ++c) store(&total(a + k, b + c * LANES), sums[k][c]);
+        for (int c = 0; c < COUNT; ++c) {
+            double* to = &total(a + k, vectors[c] * LANES);
+            store(to, load(to) + sums[k][c]);
+        }
     }
 }
 
@@ -146,12 +151,13 @@ void solve_many(ConstMatrix factor, ConstVector scale, int size, Matrix sides, b
     });
 }
 
-void inner_products(ConstMatrix columns, ConstMatrix product, Matrix total) {
-    const int wide = total.shape[0];
-    for (int a = 0; a < wide; a += LANES) {
-        int b = a;
-        for (; b + LANES < wide; b += 2 * LANES) block_of_products<2>(columns, product, a, b, total);
-        if (b < wide) block_of_products<1>(columns, product, a, b, total);
+void add_inner_products(ConstMatrix columns, ConstMatrix product, const std::vector<int>& vectors, Matrix total) {
+    const int count = static_cast<int>(vectors.size());
+    for (int k = 0; k < count; ++k) {
+        const int a = vectors[k] * LANES;
+        int next = k;
+        for (; next + 1 < count; next += 2) add_block_of_products<2>(columns, product, a, &vectors[next], total);
+        if (next < count) add_block_of_products<1>(columns, product, a, &vectors[next], total);
     }
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <type_traits>
+#include <vector>
 
 #include "arrays.hpp"
 #include "lanes.hpp"
@@ -26,6 +27,17 @@ void by_vectors(int wide, Work&& work) {
     }
 }
 
+// The same of some vectors of a row, in order: those next to each other together.
+template <class Work>
+void by_vectors(const std::vector<int>& vectors, Work&& work) {
+    for (std::size_t k = 0, next = 0; k < vectors.size(); k = next) {
+        do ++next;
+        while (next < vectors.size() && vectors[next] == vectors[next - 1] + 1);
+        const int begin = vectors[k] * LANES, wide = static_cast<int>(next - k) * LANES;
+        by_vectors(wide, [&](auto count, int first) { work(count, begin + first); });
+    }
+}
+
 // Cholesky's upper factor U (K, K) of an information matrix, `size` rows from `first` on, scaled (K,) to a unit
 // diagonal, with damping added. On the diagonal stand one over U's numbers, below it U's transpose. Factor and scale
 // are filled from 0 on. Only the upper triangle of the information is read; what is not a positive matrix gives NaN.
@@ -40,8 +52,8 @@ void solve_upper(ConstMatrix factor, ConstVector scale, int size, double* step);
 // The same for right sides (size, C), in place, C a multiple of LANES; half the way where not `whole`.
 void solve_many(ConstMatrix factor, ConstVector scale, int size, Matrix sides, bool whole);
 
-// The upper triangle (K, K) of columnsᵀ · product, both (M, K).
-void inner_products(ConstMatrix columns, ConstMatrix product, Matrix total);
+// Adds the upper triangle of columnsᵀ · product, both (M, K), to one (K, K): of some vectors of columns, in order.
+void add_inner_products(ConstMatrix columns, ConstMatrix product, const std::vector<int>& vectors, Matrix total);
 
 // Eigenvalues (K,), lowest first, and eigenvectors, the columns (K, K), by Jacobi's rotations. Spoils the matrix.
 void symmetric_eigen(Matrix matrix, Vector values, Matrix vectors);

@@ -76,4 +76,63 @@ Nearest nearest_on(ConstMatrix polyline, ConstMatrix points) {
     return found;
 }
 
+Feet feet_on(ConstMatrix nodes, ConstMatrix slopes, ConstVector arclength, ConstMatrix points) {
+    constexpr int STEPS = 4;  // of Newton's
+    const int pieces = nodes.shape[0] - 1, count = points.shape[0];
+    Array<double, 2> coefficients(pieces, 8);  // four of u by the share of a piece, then of v
+    for (int k = 0; k < pieces; ++k) {
+        const double width = arclength[k + 1] - arclength[k];
+        for (int axis = 0; axis < 2; ++axis) {
+            double* own = &coefficients(k, 4 * axis);
+            const double rise = nodes(k + 1, axis) - nodes(k, axis);
+            own[0] = nodes(k, axis);
+            own[1] = slopes(k, axis) * width;
+            own[2] = 3.0 * rise - 2.0 * own[1] - slopes(k + 1, axis) * width;
+            own[3] = rise - own[1] - own[2];
+        }
+    }
+    struct Place {
+        double at[2], slope[2];
+    };
+    const auto place = [&](int k, double share) {
+        Place found;
+        for (int axis = 0; axis < 2; ++axis) {
+            const double* own = &coefficients(k, 4 * axis);
+            found.at[axis] = own[0] + share * (own[1] + share * (own[2] + share * own[3]));
+            found.slope[axis] = own[1] + share * (2.0 * own[2] + 3.0 * share * own[3]);
+        }
+        return found;
+    };
+    Feet feet{Array<double, 1>(count), Array<double, 1>(count), Array<double, 2>(count, 2)};
+    for (int n = 0; n < count; ++n) {
+        const double u = points(n, 0), v = points(n, 1);
+        int piece = 0;
+        double least = INFINITE, share = 0.5;
+        for (int k = 0; k < pieces; ++k) {
+            const Place middle = place(k, 0.5);
+            const double apart = length(u - middle.at[0], v - middle.at[1]);
+            if (apart < least) piece = k, least = apart;
+        }
+        for (int step = 0; step < STEPS; ++step) {
+            // a foot beyond the piece's end belongs to its neighbour, at the same place
+            const int first = std::clamp(piece + static_cast<int>(std::floor(share)), 0, pieces - 1);
+            share += piece - first;
+            piece = first;
+            const auto [at, slope] = place(piece, share);
+            const double square = slope[0] * slope[0] + slope[1] * slope[1];
+            share += ((u - at[0]) * slope[0] + (v - at[1]) * slope[1]) / std::max(square, 1e-30);
+            // beyond the ends the curve goes on straight: points there tell little of the shape
+            share = std::clamp(share, -1.0 - (piece > 0), 2.0 + (piece < pieces - 1));
+        }
+        const double inside = std::clamp(share, 0.0, 1.0);
+        const auto [at, slope] = place(piece, inside);
+        const double size = std::max(length(slope[0], slope[1]), 1e-30);
+        feet.place[n] = piece + inside;
+        feet.normal(n, 0) = -slope[1] / size;
+        feet.normal(n, 1) = slope[0] / size;
+        feet.distance[n] = (u - at[0]) * feet.normal(n, 0) + (v - at[1]) * feet.normal(n, 1);
+    }
+    return feet;
+}
+
 }  // namespace vbaa

@@ -31,4 +31,12 @@ struct Nearest {
 // Of points (N, 2), relative to a finely spaced polyline (K, 2), K ≥ 2.
 Nearest nearest_on(ConstMatrix polyline, ConstMatrix points);
 
+// Where points (N, 2) lie about a curve: node coordinate (N,) of the nearest place, distance (N,) along the unit normal
+// (N, 2) there. The curve is cubic between nodes (M, 2) with slopes (M, 2) by arc length (M,), M ≥ 2.
+struct Feet {
+    Array<double, 1> place, distance;
+    Array<double, 2> normal;
+};
+Feet feet_on(ConstMatrix nodes, ConstMatrix slopes, ConstVector arclength, ConstMatrix points);
+
 }  // namespace vbaa

@@ -113,6 +113,16 @@ void bind_polyline(nb::module_& room) {
         Nearest found = unlocked([&] { return nearest_on(along, some); });
         return arrays(found.index, found.distance);
     });
+    room.def("feet_on", [](InMatrix nodes, InMatrix slopes, InVector arclength, InMatrix others) {
+        const auto along = line(nodes), rise = line(slopes), some = points(others);
+        require(along.shape[0] > 1 && along.shape == rise.shape && arclength.size() == nodes.shape(0),
+                "a curve has two nodes (M, 2) at least, slopes (M, 2) and arc lengths (M,)");
+        for (const ConstMatrix& each : {along, rise, some}) {
+            for (const double number : each) require(std::isfinite(number), "nodes, slopes and points must be numbers");
+        }
+        Feet found = unlocked([&] { return feet_on(along, rise, view(arclength), some); });
+        return arrays(found.place, found.distance, found.normal);
+    });
 }
 
 void bind_paths(nb::module_& room) {

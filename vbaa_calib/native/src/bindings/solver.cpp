@@ -96,6 +96,26 @@ Rig rig_of(nb::handle object, const nb::tuple& cameras) {
     rig.shared = axes.shape[1];
     rig.axes = Array<double, 2>(axes.shape[0], whole_lanes(rig.shared));
     for (int q = 0; q < axes.shape[0]; ++q) std::copy_n(axes.row(q).data, rig.shared, rig.axes.row(q).data);
+    for (std::size_t which = 0; which < rig.cameras.size(); ++which) {
+        solver::Camera& camera = rig.cameras[which];
+        const int lines = rig.shared + static_cast<int>(which) * camera.line.size();
+        const auto depends_on = [&](int column) {
+            const auto moved_by = [&](int first, int count) {
+                for (int q = first; q < first + count; ++q) {
+                    if (rig.axes(q, column) != 0.0) return true;
+                }
+                return false;
+            };
+            if (column >= rig.shared) return lines <= column && column < lines + camera.line.size();
+            return moved_by(solver::POSES, solver::ANTENNA) || moved_by(camera.pose_at, solver::POSES) ||
+                   moved_by(camera.lens_at, rig.with_lens ? camera.lens->parameters() : 0);
+        };
+        for (int column = -solver::UNKNOWNS; column < rig.steps(); ++column) {
+            const int vector = (column + solver::UNKNOWNS) / LANES;
+            if (!camera.vectors.empty() && camera.vectors.back() == vector) continue;
+            if (column < 0 || depends_on(column)) camera.vectors.push_back(vector);
+        }
+    }
     return rig;
 }
 
@@ -128,7 +148,7 @@ solver::Numbers numbers_of(nb::handle object, int count) {
          n.evidence, "scatter", n.scatter, "condition", n.condition, "alternative_cost", n.alternative_cost,
          "second_gain", n.second_gain, "second_place", n.second_place, "second_shift", n.second_shift, "edge_on_rad",
          n.edge_on_rad, "drift_px", n.drift_px, "drift_readings", n.drift_readings, "left_px", n.left_px, "farthest",
-         n.farthest);
+         n.farthest, "farthest_camera", n.farthest_camera);
     read(object, std::array{count, solver::READINGS - 1}, "sensor_available", n.sensor_available, "residual",
          n.residual, "residual_std", n.residual_std);
     read(object, std::array{count, 3}, "point_m", n.point_m, "force_N", n.force_N, "tangent", n.tangent, "deflection_m",
@@ -283,14 +303,28 @@ auto edge_on(const Rig& rig, InMatrix unknowns) {
     return angles;
 }
 
-auto ideal_points(const lens::Lens& lens, InMatrix pixels, InVector sigma_px) {
-    check_last(pixels, 2, "pixels must be (N, 2)");
-    require(sigma_px.size() == pixels.shape(0), "sigma_px must be (N,)");
-    const std::size_t count = pixels.shape(0);
-    auto points = room<double>(count, 2), covariance = room<double>(count, 3);
-    auto usable = room<double>(count);
+auto ideal_points(const Rig& rig, InCube pixels, InMatrix sigma_px, const Numpy<const std::int64_t, 1>& ends) {
+    const int frames = static_cast<int>(pixels.shape(0)), wide = static_cast<int>(pixels.shape(1));
+    check_last(pixels, 2, "pixels must be (B, N, 2)");
+    require(view(sigma_px).shape == std::array{frames, wide}, "sigma_px must be (B, N)");
+    require(ends.size() == rig.cameras.size(), "ends must be (V,)");
+    for (std::size_t k = 0, first = 0; k < ends.size(); first = ends(k++)) {
+        require(static_cast<std::int64_t>(first) <= ends(k) && ends(k) <= wide, "ends increase to N");
+    }
+    auto points = room<double>(frames, wide, 2), covariance = room<double>(frames, wide, 3);
+    auto usable = room<double>(frames, wide);
     Released released;
-    solver::ideal_points(lens, view(pixels), view(sigma_px), view(points), view(covariance), view(usable));
+    for (int b = 0; b < frames; ++b) {
+        int first = 0;
+        for (std::size_t k = 0; k < ends.size(); ++k) {
+            const int count = static_cast<int>(ends(k)) - first;
+            const Vector own = {view(usable).row(b).data + first, {count}};
+            solver::ideal_points(*rig.cameras[k].lens, view(pixels).row(b).part(first, count),
+                                 {view(sigma_px).row(b).data + first, {count}}, view(points).row(b).part(first, count),
+                                 view(covariance).row(b).part(first, count), own);
+            first += count;
+        }
+    }
     return std::make_tuple(points, covariance, usable);
 }
 
@@ -342,7 +376,9 @@ void bind_solver(nb::module_& module) {
     room.def("free_antennas", &free_antennas, "Frames as the free antenna about rig steps (B, R).");
     room.def("edge_on", &edge_on,
              "Angles (B,) between the deformation plane of unknowns (B, 4) and the line of sight.");
-    room.def("ideal_points", &ideal_points, "Ideal points (N, 2) of pixels, covariances (N, 3), and which are usable.");
+    room.def("ideal_points", &ideal_points,
+             "Ideal points (B, N, 2) of pixels, covariances (B, N, 3), and which are usable; each camera's end at a "
+             "column.");
     room.def(
         "places", &places,
         "Places (B, N) along the longer side of points (B, N, 2), which frames lack order, the extents of u and v.");

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "linear_algebra.hpp"
 #include "solver/normal_equations.hpp"
@@ -65,15 +66,20 @@ void cross(const Rig& rig, const Fit& free, Grid& grid, ConstMatrix product, int
         }
     }
     const double *image_y = &grid.image(0, 0), *image_z = &grid.image(1, 0);
-    for (int j = 0; j < free.nodes; ++j) {
-        const double* bent_there = bent_by + j % NODES * GRID;
-        for (int c = 0; c < COUNT; ++c) {
-            rest[c] += free.columns(j, a + c) * free.pull[j];
-            const double along = product(j, a + c), along_y = along * image_y[j], along_z = along * image_z[j];
-            for (int k = 0; k < vectors; ++k) {
-                const Lanes bent = load(bent_there + k * LANES);
-                y[c][k] += along_y * bent;
-                z[c][k] += along_z * bent;
+    int clamp = 0;
+    for (const Camera& camera : rig.cameras) {
+        const double* bent_there = bent_by;
+        const int first = std::exchange(clamp, clamp + NODES);
+        if (!std::binary_search(camera.vectors.begin(), camera.vectors.end(), a / LANES)) continue;
+        for (int j = first; j < clamp; ++j, bent_there += GRID) {
+            for (int c = 0; c < COUNT; ++c) {
+                rest[c] += free.columns(j, a + c) * free.pull[j];
+                const double along = product(j, a + c), along_y = along * image_y[j], along_z = along * image_z[j];
+                for (int k = 0; k < vectors; ++k) {
+                    const Lanes bent = load(bent_there + k * LANES);
+                    y[c][k] += along_y * bent;
+                    z[c][k] += along_z * bent;
+                }
             }
         }
     }
@@ -166,8 +172,7 @@ void rig_steps(Grid& grid, int best, ConstMatrix factor, ConstVector scale) {
 int best_forces(const Rig& rig, Fit& free, int every, Grid& grid, Work& work) {
     weighted_sums(free, every, grid.weight);
     // the unknowns' own columns, which are not used, come along
-    times_tridiagonal(free, free.columns, work.product);
-    inner_products(free.columns, work.product, free.information);
+    information_of_points(rig, free, work.product);
     const int size = free.size;
     int a = UNKNOWNS;
     for (; a + 2 <= size; a += 2) cross<2>(rig, free, grid, work.product, a);

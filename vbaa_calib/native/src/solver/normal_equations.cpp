@@ -55,19 +55,29 @@ struct Sums {
     }
 };
 
-// COUNT vectors of the right side's part from the points, from a column on.
+// Adds one picture's points to COUNT vectors of the right side, from a column on.
 template <int COUNT>
-void pull_along(Fit& fit, int first) {
+void pull_along(Fit& fit, int clamp, int first) {
     Lanes totals[COUNT];
-    for (Lanes& total : totals) total = spread(0.0);
-    for (int clamp = 0; clamp < fit.nodes; clamp += NODES) {
-        for (int j = 0; j < NODES; ++j) {
-            for (int c = 0; c < COUNT; ++c) {
-                totals[c] += fit.pull[clamp + j] * load(&fit.columns(clamp + j, first + c * LANES));
-            }
-        }
+    for (int c = 0; c < COUNT; ++c) totals[c] = load(&fit.side[first + c * LANES]);
+    for (int j = clamp; j < clamp + NODES; ++j) {
+        for (int c = 0; c < COUNT; ++c) totals[c] += fit.pull[j] * load(&fit.columns(j, first + c * LANES));
     }
     for (int c = 0; c < COUNT; ++c) store(&fit.side[first + c * LANES], totals[c]);
+}
+
+// The information of the nodes from `clamp` on times one vector of columns at them. Between two pictures it is 0.
+void times_tridiagonal(const Fit& fit, int clamp, int first, ConstMatrix columns, Matrix product) {
+    const double *diagonal = &fit.diagonal[clamp], *off_diagonal = &fit.off_diagonal[clamp];
+    const int last = columns.shape[0] - 1;
+    Lanes before = spread(0.0), here = load(&columns(0, first));
+    double by_before = 0.0;
+    for (int j = 0; j < last; ++j) {
+        const Lanes after = load(&columns(j + 1, first));
+        store(&product(j, first), by_before * before + diagonal[j] * here + off_diagonal[j] * after);
+        before = here, here = after, by_before = off_diagonal[j];
+    }
+    store(&product(last, first), by_before * before + diagonal[last] * here);
 }
 
 double state_of(const Fit& fit, int column) {
@@ -236,26 +246,30 @@ double points_cost(Fit& fit) {
 }
 
 void times_tridiagonal(const Fit& fit, ConstMatrix columns, Matrix product) {
-    const double *diagonal = fit.diagonal.begin(), *off_diagonal = fit.off_diagonal.begin();
-    const int last = fit.nodes - 1;  // between two pictures the off-diagonal is 0
-    for (int first = 0; first < columns.shape[1]; first += LANES) {
-        Lanes before = spread(0.0), here = load(&columns(0, first));
-        double by_before = 0.0;
-        for (int j = 0; j < last; ++j) {
-            const Lanes after = load(&columns(j + 1, first));
-            store(&product(j, first), by_before * before + diagonal[j] * here + off_diagonal[j] * after);
-            before = here, here = after, by_before = off_diagonal[j];
-        }
-        store(&product(last, first), by_before * before + diagonal[last] * here);
+    for (int first = 0; first < columns.shape[1]; first += LANES) times_tridiagonal(fit, 0, first, columns, product);
+}
+
+void information_of_points(const Rig& rig, Fit& fit, Matrix product) {
+    fill(fit.information.view(), 0.0);
+    int clamp = 0;
+    for (const Camera& camera : rig.cameras) {
+        const ConstMatrix columns = ConstMatrix(fit.columns).part(clamp, NODES);
+        const Matrix own = product.part(clamp, NODES);
+        for (int each : camera.vectors) times_tridiagonal(fit, clamp, each * LANES, columns, own);
+        add_inner_products(columns, own, camera.vectors, fit.information);
+        clamp += NODES;
     }
 }
 
 void normal_equations(const Rig& rig, Fit& fit, int first, Matrix product) {
     double cost = points_cost(fit), weight[READINGS];
-    times_tridiagonal(fit, fit.columns, product);
-    inner_products(fit.columns, product, fit.information);
+    information_of_points(rig, fit, product);
     const int size = fit.size, wide = fit.side.size();
-    by_vectors(wide, [&](auto count, int k) { pull_along<count>(fit, k); });
+    fill(fit.side.view(), 0.0);
+    for (std::size_t k = 0; k < rig.cameras.size(); ++k) {
+        const int clamp = static_cast<int>(k) * NODES;
+        by_vectors(rig.cameras[k].vectors, [&](auto count, int column) { pull_along<count>(fit, clamp, column); });
+    }
     for (int reading = 0; reading < fit.readings; ++reading) {
         weight[reading] = huber_weight(fit.residual[reading]);
         cost += huber_loss(fit.residual[reading]);

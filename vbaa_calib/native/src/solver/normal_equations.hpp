@@ -38,6 +38,10 @@ double points_cost(Fit& fit);
 // The points' tridiagonal information times columns (M, C), C a multiple of LANES.
 void times_tridiagonal(const Fit& fit, ConstMatrix columns, Matrix product);
 
+// The information that the points' weighted sums give on the fit's columns, its upper triangle. product : (M, K′) these
+// sums times the columns, zero where a picture does not depend on them.
+void information_of_points(const Rig& rig, Fit& fit, Matrix product);
+
 // Information, right side and cost of the columns from `first` on (4: the rig alone), at the residuals as they are.
 // product : (M, K′) scratch room.
 void normal_equations(const Rig& rig, Fit& fit, int first, Matrix product);

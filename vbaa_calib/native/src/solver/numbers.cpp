@@ -251,9 +251,14 @@ void write_numbers(const Rig& rig, const Frame& frame, const Uncertainty& found,
         numbers.sensor_available(row, column) = frame.available[reading] > 0.0;
     }
     double chi_square = 0.0, largest = 0.0;
+    numbers.farthest_camera[row] = frame.seen_by;
     for (double step : fit.steps) chi_square += step * step;
-    for (int i = 0; i < fit.points; ++i)
-        largest = std::max(largest, fit.distance[i] * fit.distance[i] * fit.precision[i]);
+    for (int i = 0; i < fit.points; ++i) {
+        const double square = fit.distance[i] * fit.distance[i] * fit.precision[i];
+        if (!(square > largest)) continue;
+        largest = square;
+        numbers.farthest_camera[row] = frame.clamp[i] / NODES;
+    }
     numbers.rig_chi_square[row] = chi_square;
     numbers.converged[row] = fit.converged;
     numbers.at_tip[row] = fit.at_tip;

@@ -18,7 +18,7 @@ constexpr double SMALL_BIAS = 1.0 / 3.0;
 
 // Arrays of one row for each frame, see `FitNumbers` in Python.
 struct Numbers {
-    View<std::int64_t, 1> points, evaluations, rung, rig_axes, outliers;
+    View<std::int64_t, 1> points, evaluations, rung, rig_axes, farthest_camera, outliers;
     View<bool, 1> converged, at_tip, finite, ambiguous, marginal;
     View<bool, 2> sensor_available;
     Vector shared_std, friction_share, tip_std, cost, rig_chi_square, evidence, scatter, condition, alternative_cost,

@@ -171,12 +171,14 @@ void three_along_axes(ConstMatrix axes, ConstMatrix raw, const Range (&ranges)[2
     }
 }
 
-// Derivatives by the rig's parameters in two ranges, some rows of them, along the axes (Q, K′), into the columns
-// after the unknowns.
-void along_axes(ConstMatrix axes, ConstMatrix raw, const Range (&ranges)[2], Range rows, Matrix columns) {
+// Derivatives by the rig's parameters in two ranges, some rows of them, along the axes (Q, K′), into some vectors of
+// columns, or so many; those of the unknowns stay.
+template <class Vectors>
+void along_axes(ConstMatrix axes, ConstMatrix raw, const Range (&ranges)[2], Range rows, const Vectors& vectors,
+                Matrix columns) {
     static_assert(NODES % 3 == 0);
     for (int row = rows.begin; row < rows.end; row += 3) {
-        by_vectors(axes.shape[1],
+        by_vectors(vectors,
                    [&](auto count, int first) { three_along_axes<count>(axes, raw, ranges, row, first, columns); });
     }
 }
@@ -189,7 +191,7 @@ void pictures_along_axes(const Rig& rig, const Bent& bent, Fit& fit) {
         const int end = camera.lens_at + (rig.with_lens ? camera.lens->parameters() : 0);
         Range ranges[2] = {{POSES, SENSOR}, {camera.pose_at, end}};
         if (clamp == 0) ranges[0] = {0, rig.cameras.size() > 1 ? end : every}, ranges[1] = {};
-        along_axes(bent.axes, bent.raw, ranges, {clamp, clamp + NODES}, fit.columns);
+        along_axes(bent.axes, bent.raw, ranges, {clamp, clamp + NODES}, camera.vectors, fit.columns);
         clamp += NODES;
     }
 }
@@ -236,8 +238,9 @@ void rig_jacobian(const Rig& rig, const Frame& frame, int rung, Bent& bent, Fit&
     rig_derivatives(rig, frame, rung, bent, fit);
     pictures_along_axes(rig, bent, fit);
     const Range every[2] = {{0, rig.axes.shape[0]}, {}};
-    along_axes(bent.axes, bent.raw_readings, every, {0, rig.reading_rows()}, fit.reading_columns);
-    along_axes(bent.axes, bent.raw_point_force, every, {0, 6}, fit.point_force_columns);
+    const int wide = bent.axes.shape[1];
+    along_axes(bent.axes, bent.raw_readings, every, {0, rig.reading_rows()}, wide, fit.reading_columns);
+    along_axes(bent.axes, bent.raw_point_force, every, {0, 6}, wide, fit.point_force_columns);
     for (int reading = 0; reading < rig.readings; ++reading) {
         for (int k = 0; k < rig.shared; ++k) fit.reading_columns(reading, UNKNOWNS + k) *= frame.available[reading];
     }

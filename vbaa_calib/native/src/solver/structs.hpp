@@ -60,7 +60,8 @@ struct Camera {
     double to_camera[2];                      // unit direction across the antenna's x axis to it
     double eye_m[3];                          // its centre in the clamp's frame
     double focal;                             // mean focal length, px
-    Array<double, 1> line;  // (L,) σ of the found line's own errors: offset, slope, curvature; or none
+    Array<double, 1> line;     // (L,) σ of the found line's own errors: offset, slope, curvature; or none
+    std::vector<int> vectors;  // of a fit's columns, in order: the others are zero at the nodes of its picture
 };
 
 // What is known before a frame is seen, see `RigArrays` in Python.
