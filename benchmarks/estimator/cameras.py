@@ -34,7 +34,9 @@ from .setup import Setup
 SIGMAS_PX = (0.05, 0.5)
 _FRICTION_RAD = 0.2
 _COVERED, _SILENT = 1.96, 5.0
-_RIGS = 20
+_RIGS, _FEWER = 100, 20
+"""True rigs, and by how much fewer contacts there are of each than of a rig that is known exactly: their errors go
+together, so that the intervals' share scatters with the number of rigs."""
 _BOUND_DRAWS = 50
 """Errors of each frame that are drawn from its bound."""
 _READINGS = LoadReadings(5e-4, 5e-3)
@@ -172,7 +174,8 @@ def run(count: int, seed: int) -> list[ContactsRow]:
         for sigma_px in SIGMAS_PX:
             rng = np.random.default_rng((seed, int(1e3 * sigma_px), name == "exact"))
             truths = [rig] if name == "exact" else [drawn(rig, rng) for _ in range(_RIGS)]
-            parts = [_recorded(true, max(count // len(truths), 2), sigma_px, rng) for true in truths]
+            own = count if name == "exact" else max(count // _FEWER, 2)
+            parts = [_recorded(true, own, sigma_px, rng) for true in truths]
             rows += _rows(name, rig, parts)
     return rows
 

@@ -96,12 +96,29 @@ def corridor_of(rig: Rig, frame: Frame) -> Corridor | None:
 
 
 def frame_picture(estimator: ContactEstimator, item: FrameContact) -> np.ndarray:
-    """(H, W, 3) uint8, blue, green, red: a frame's picture with everything detected and estimated drawn in."""
-    rig, frame, contact = estimator.rig, item.frame, item.contact
+    """(H, W, 3) uint8, blue, green, red: a frame's picture with everything detected and estimated drawn in; those of
+    several cameras next to each other."""
+    rig, frame = estimator.rig, item.frame
+    # without a contact the fit is done again: a picture is not worth keeping every fit of a recording for
+    fitted = None if item.contact.status in ("no_contact", "no_antenna") else _bent(estimator, item)
+    if not rig.others:
+        return _camera_picture(rig, item, fitted)
+    several = [_camera_picture(replace(rig, others={}), item, fitted)]
+    for name, one in rig.others.items():
+        own = replace(frame, image=frame.others.get(name))
+        seen = replace(item, frame=own, measured=item.measured.of_camera(name), line=item.others.get(name))
+        several.append(_camera_picture(one, seen, fitted))
+    height = max(map(len, several))
+    return np.hstack([np.pad(each, ((0, height - len(each)), (0, 0), (0, 0))) for each in several])
+
+
+def _camera_picture(rig: Rig, item: FrameContact, fitted: np.ndarray | None) -> np.ndarray:
+    """One camera's, with the fitted antenna's nodes (M, 3), antenna frame."""
+    frame, contact = item.frame, item.contact
     width, height = rig.camera.image_size
     image = np.zeros((height, width), np.uint8) if frame.image is None else read_gray(frame.image)
     where = corridor_of(rig, frame)
-    found = _marks(estimator, item)
+    found = _marks(rig, item, fitted)
     if (
         item.line is not None
         and item.line.seen < ContactSettings.whole
@@ -139,19 +156,17 @@ def frame_picture(estimator: ContactEstimator, item: FrameContact) -> np.ndarray
         canvas.image.shape[1],
         canvas.unit,
         (contact.status, _status_colour(contact.status)),
-        (STATUSES[contact.status], f"frame {frame.frame}, {frame.time_s:.2f} s"),
+        (STATUSES[contact.status], f"frame {frame.frame}, {frame.time_s:.2f} s, {rig.camera_name}"),
         ["; ".join(numbers), contact.reason, seen, lost],
         [*keys(item.line, where, found.parts), *drawn],
     )
     return np.vstack([canvas.image, legend])
 
 
-def _marks(estimator: ContactEstimator, item: FrameContact) -> _Marks:
+def _marks(rig: Rig, item: FrameContact, fitted: np.ndarray | None) -> _Marks:
     """A frame's fitted shape, contact and force in image coordinates."""
-    rig, contact = estimator.rig, item.contact
+    contact = item.contact
     T_camera_antenna = rig.T_antenna_camera.inverse()
-    # without a contact the fit is done again: a picture is not worth keeping every fit of a recording for
-    fitted = None if contact.status in ("no_contact", "no_antenna") else _bent(estimator, item)
     points = np.empty((0, 3)) if fitted is None else fitted[np.isfinite(fitted).all(axis=1)]
     shape = pixels(rig.camera, T_camera_antenna, points) if len(points) else np.empty((0, 2))
     antenna_m = rig.antenna.diameter_m * rig.antenna.taper.middle

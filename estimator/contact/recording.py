@@ -34,8 +34,8 @@ from .estimate import STREAM, ContactEstimator
 from .inputs import OutlierSettings, outside, point_scatter
 from .settings import ContactSettings
 
-Ground = Callable[[Still], Background | None]
-"""What lies behind the antenna in a picture, as far as it is known."""
+Ground = Callable[[Still, str], Background | None]
+"""What lies behind the antenna in a camera's picture, by its name, as far as it is known."""
 FramePictures: TypeAlias = "np.ndarray | Mapping[str, np.ndarray] | None"
 """A frame's picture (H, W[, 3]); of several cameras those by name."""
 
@@ -46,7 +46,8 @@ class FrameContact:
 
     Attributes
     ----------
-    line : what was seen in its picture; None where ready centrelines took the place of pictures.
+    line : what was seen in its picture; None where ready centrelines took the place of pictures. others : of several
+        cameras what was seen in each one's, by name.
     measured : what the contact was fitted to.
     antenna : its name, where there are several, or its clamp moves; then clamp (4,) is where that is: world, m, and its
         angle in plane C, rad.
@@ -56,6 +57,7 @@ class FrameContact:
     contact: Contact
     measured: Measured
     line: Centreline | None = None
+    others: Mapping[str, Centreline] = field(default_factory=dict)
     antenna: str = ""
     clamp: np.ndarray | None = None
 
@@ -277,7 +279,7 @@ def first_look(
     if looking is None:
         why = NOTHING.reason if known else "no joint angles were read near enough to the picture's instant"
         return _FirstDetection(frame, image, replace(NOTHING, reason=why), bright)
-    less = subtracted(looking, image, None if ground is None else ground(frame))
+    less = subtracted(looking, image, None if ground is None else ground(frame, rig.camera_name))
     if less is not None and less[1].found:
         image, line, bright, bare = *less, None, True
     else:
@@ -361,7 +363,7 @@ def frame_contact(frame: Frame, seen: Detection, contact: Contact) -> FrameConta
     for name, line in seen.others.items():
         if not line.found:
             answer = replace(answer, reason=answer.reason.replace(f"{name} shows no antenna", f"{name}: {line.reason}"))
-    return FrameContact(frame, answer, seen.measured, seen.line)
+    return FrameContact(frame, answer, seen.measured, seen.line, seen.others)
 
 
 def measured_recording(
@@ -382,7 +384,7 @@ def detected(
     if rig.others:
         parts = list[Iterator[Detection]]()
         for (name, one), each in zip(estimator.cameras.items(), tee(taken, 1 + len(rig.others)), strict=True):
-            parts.append(detected(one, _of_camera(each, name), ground if name == rig.camera_name else None))
+            parts.append(detected(one, _of_camera(each, name), ground))
         return (Detection.together(rig, several) for several in zip(*parts, strict=True))
     firsts = (first_look(estimator, frame, cast("np.ndarray | None", one), ground) for frame, one in taken)
     return _detections(estimator, _in_order(estimator, firsts))

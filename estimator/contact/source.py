@@ -194,10 +194,9 @@ def unpacked(
 
 
 def sample_of(rig: Rig, taken: Iterable[tuple[Frame, FramePictures]], folder: Path) -> list[Still]:
-    """Some pictures of the rig's first camera from a bag or video, written to files in a folder."""
-    named = ((frame, each.get(rig.camera_name) if isinstance(each, Mapping) else each) for frame, each in taken)
-    own = ((frame, image) for frame, image in named if image is not None)
-    return [frame for frame, _ in unpacked(rig, thinned(own, ContactSettings.sampled_pictures), folder)]
+    """Some pictures of each camera from a bag or video, written to files in a folder."""
+    pictured = ((frame, pictures) for frame, pictures in taken if pictures is not None)
+    return [frame for frame, _ in unpacked(rig, thinned(pictured, ContactSettings.sampled_pictures), folder)]
 
 
 def open_source(path: Path, rig: Rig, no_moment: bool = False, options: StreamOptions | None = None) -> _Source:

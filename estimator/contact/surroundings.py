@@ -21,7 +21,7 @@ from vbaa_calib.detect.whisker.background import LEAST_PICTURES, STILL, Backgrou
 from vbaa_calib.detect.whisker.centreline import Centreline
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.rig import Rig
-from vbaa_calib.session import Still, check_pictures
+from vbaa_calib.session import Frame, Still, check_pictures
 
 from .recording import Ground, prepared, read_own
 from .settings import ContactSettings
@@ -33,18 +33,32 @@ AUTO = Path("auto")
 def surroundings(rig: Rig, picture: Path | None, frames: Callable[[], Sequence[Still]]) -> tuple[Ground | None, str]:
     """The background, as `--background` asks for it, and a sentence on it.
 
-    picture : a picture of the same view without the antenna, or `AUTO`: learnt from the frames.
+    picture : a picture of the first camera's view without the antenna, or `AUTO`: each camera's is learnt from the
+        frames.
     Raises InputError when a picture cannot be read or has another size than the rig's.
     """
     if picture is None:
         return None, ""
-    if picture == AUTO:
-        return _learn_surroundings(rig, frames())
-    empty = Background(_plane(rig, picture).astype(np.float32))
-    return lambda _: empty, f"{picture.name} is taken off where it lies behind the antenna"
+    if picture != AUTO:
+        empty = Background(_plane(rig, picture).astype(np.float32))
+        words = f"{picture.name} is taken off where it lies behind the antenna"
+        return lambda _, camera: empty if camera == rig.camera_name else None, words
+    several, found, said = frames(), dict[str, Callable[[Still], Background | None]](), list[str]()
+    for name, one in rig.cameras.items():
+        own = several
+        if name in rig.others:
+            own = [replace(each, image=each.others.get(name)) for each in several if isinstance(each, Frame)]
+        ground, words = _learn_surroundings(one, own)
+        found |= {} if ground is None else {name: ground}
+        said.append(f"{name}: {words}" if rig.others else words)
+
+    def behind(still: Still, camera: str) -> Background | None:
+        return found[camera](still) if camera in found else None
+
+    return behind if found else None, "; ".join(said)
 
 
-def _learn_surroundings(rig: Rig, frames: Sequence[Still]) -> tuple[Ground | None, str]:
+def _learn_surroundings(rig: Rig, frames: Sequence[Still]) -> tuple[Callable[[Still], Background | None] | None, str]:
     """Backgrounds from pictures with the antenna in them, and a sentence on them; None where none is useful."""
     pictured = [still for still in frames if still.image is not None]
     why = f"fewer than {LEAST_PICTURES} pictures"

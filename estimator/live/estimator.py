@@ -162,13 +162,12 @@ class LiveEstimator:
 
     def _first_detection(self, each: Synchronized) -> Detection:
         """The first detection in each camera's picture of a frame."""
-        rig, ground, several = self.estimator.rig, self._ground, list[Detection]()
+        rig, several = self.estimator.rig, list[Detection]()
         for name, one in self._cameras.items():
             image = each.images.get(name) if rig.others else each.taken.image
-            first = first_look(one, each.frame, image, ground)
+            first = first_look(one, each.frame, image, self._ground)
             first, self._before[name] = after(first, self._before[name])
             several += detect_again(one, [first])
-            ground = None  # it is of the first camera
         return Detection.together(rig, several) if rig.others else several[0]
 
     def _answered(self, each: Synchronized, seen: Detection) -> Iterator[LiveContact]:

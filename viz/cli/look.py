@@ -58,7 +58,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     plain = plane(own)
     ground, ground_words = surroundings(rig, args.background, lambda: neighbours(rig, frame))
     looking = prepared(rig, frame)
-    less = None if ground is None or looking is None else subtracted(looking, plain, ground(frame))
+    less = None if ground is None or looking is None else subtracted(looking, plain, ground(frame, rig.camera_name))
     if ground is not None and less is None:
         ground_words = "left aside, since it does not lie behind the antenna in this picture"
     line = NOTHING if less is None else less[1]

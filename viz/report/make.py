@@ -165,7 +165,7 @@ def _seen_picture(table: ContactTable, rig: Rig, session: Path, ground: Ground |
         seen = next(detected(estimator, read_ahead(estimator.rig, [frame]), ground))
         own = next(table.picked(np.array([row])).rows())
         contact = replace(own, pan_rad=frame.pan_rad, tilt_rad=frame.tilt_rad).estimate(rig.kinematics)
-        image = frame_picture(estimator, FrameContact(frame, contact, seen.measured, seen.line))
+        image = frame_picture(estimator, FrameContact(frame, contact, seen.measured, seen.line, seen.others))
     except VbaaError as error:
         return _picture(f"No picture of the recording: {error}")
     return _picture(
