@@ -43,19 +43,19 @@ def surroundings(rig: Rig, picture: Path | None, frames: Callable[[], Sequence[S
         empty = Background(_plane(rig, picture).astype(np.float32))
         words = f"{picture.name} is taken off where it lies behind the antenna"
         return lambda _, camera: empty if camera == rig.camera_name else None, words
-    several, found, said = frames(), dict[str, Callable[[Still], Background | None]](), list[str]()
+    several, found, notes = frames(), dict[str, Callable[[Still], Background | None]](), list[str]()
     for name, one in rig.cameras.items():
         own = several
         if name in rig.others:
             own = [replace(each, image=each.others.get(name)) for each in several if isinstance(each, Frame)]
         ground, words = _learn_surroundings(one, own)
         found |= {} if ground is None else {name: ground}
-        said.append(f"{name}: {words}" if rig.others else words)
+        notes.append(f"{name}: {words}" if rig.others else words)
 
     def behind(still: Still, camera: str) -> Background | None:
         return found[camera](still) if camera in found else None
 
-    return behind if found else None, "; ".join(said)
+    return behind if found else None, "; ".join(notes)
 
 
 def _learn_surroundings(rig: Rig, frames: Sequence[Still]) -> tuple[Callable[[Still], Background | None] | None, str]:
