@@ -147,9 +147,16 @@ def find_plane(session: Session, camera: Camera, board: BoardShape, views: Plane
         antenna = nominal_free_antenna(session.antenna, rotation.T @ session.gravity_world_m_s2)
         mark = None if setting.clamp_px is None else LineEnd(np.array(setting.clamp_px), setting.clamp_std_px)
         setup = OverSetup(session.board, camera, antenna, setting.height_m, setting.height_std_m, mark)
-        estimate, over = solve_over_board(views.over, setup, fused(estimates) if estimates else None)
-        doubt = _clamp_doubt(estimate, session.over, session.board)
-        estimates.append(inflated(estimate, *doubt) if estimates else estimate)
+        try:
+            estimate, over = solve_over_board(views.over, setup, fused(estimates) if estimates else None)
+        except InputError as error:
+            if not estimates:
+                raise
+            what = f"the board under the antenna was not used: {error.what}"
+            unused.append(Diagnosis("over_unused", what, error.remedy or ""))
+        else:
+            doubt = _clamp_doubt(estimate, session.over, session.board)
+            estimates.append(inflated(estimate, *doubt) if estimates else estimate)
     estimates = [inflated(estimate, *_corner_bias(estimate, camera)) for estimate in estimates]
     # both rulers say which side of a stretched print is right
     unruled = board.scale_doubt if session.board.stretch_std is None else 0.0
