@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .budget import ADVISED, CAUSES, OWN, Budget, BudgetSettings, ResultBudget, per_result
+from estimator.budget.budget import ADVISED, CAUSES, OWN, Budget, BudgetSettings, ResultBudget
 
 RESULT_NAMES = {
     "distance_m": "distance l",
@@ -90,29 +90,6 @@ def as_data(budget: Budget) -> dict[str, Any]:
         "advice": advice(budget),
         "notes": list(budget.notes),
     }
-
-
-def contacts_as_data(budget: Budget) -> list[dict[str, Any]]:
-    """Each contact's standard deviations, m and N, and their contributions by cause."""
-
-    def deviations(row: np.ndarray) -> dict[str, float]:
-        return {name: float(np.sqrt(values[0])) for name, values in per_result(row[None]).items()}
-
-    whole = _sum_of(budget)
-    return [
-        {
-            "distance_m": float(budget.touches.distance_m[i]),
-            "push_N": budget.touches.push_N[i].tolist(),
-            "std": deviations(whole[i]),
-            "by_cause": {cause: deviations(rows[i]) for cause, rows in budget.variances.items()},
-        }
-        for i in range(len(budget.touches))
-    ]
-
-
-def _sum_of(budget: Budget) -> np.ndarray:
-    """(B, 6) variances due to all causes together."""
-    return np.sum(list(budget.variances.values()), axis=0)
 
 
 def _table(budget: Budget, name: str) -> list[str]:

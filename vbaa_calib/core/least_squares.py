@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from .robust import chi_square, huber_losses, huber_weights, soft_l1_losses, soft_l1_weights
+from vbaa_calib.core.robust import chi_square, huber_losses, huber_weights, soft_l1_losses, soft_l1_weights
 
 CHANCE_SCATTER = 1.2  # ratio of variances that noise alone often reaches: what is beyond widens a covariance
 
@@ -89,12 +88,6 @@ def solve_scaled(matrix: np.ndarray, right: np.ndarray, damping: float = 0.0) ->
     rows = scale.reshape(-1, *[1] * (right.ndim - 1))
     scaled = matrix * np.outer(scale, scale) + damping * np.eye(len(matrix))
     return rows * np.linalg.lstsq(scaled, rows * right, rcond=1e-15)[0]
-
-
-def view_products(rows: np.ndarray, bounds: np.ndarray) -> np.ndarray:
-    """(V, m, m) per-view sums of products of rows (N, 2, m); view v has rows bounds[v] to bounds[v + 1]."""
-    flat = [rows[first:last].reshape(-1, rows.shape[-1]) for first, last in pairwise(bounds)]
-    return np.array([block.T @ block for block in flat])
 
 
 def schur_complement(total: np.ndarray, cross: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

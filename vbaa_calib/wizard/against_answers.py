@@ -7,9 +7,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from operator import itemgetter
-from pathlib import Path
 
-import cv2
 import numpy as np
 
 from vbaa_calib.antenna.materials import MATERIALS
@@ -22,20 +20,16 @@ from vbaa_calib.calibrate.antenna.session_rig import (
 from vbaa_calib.calibrate.antenna.settings import AntennaSettings
 from vbaa_calib.calibrate.pose.board_pose import solve_board_pose
 from vbaa_calib.calibrate.pose.fusion import fused
-from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
-from vbaa_calib.core.files import replacing
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.core.polyline import arc_lengths, normals
 from vbaa_calib.detect.board.corners import BoardView
-from vbaa_calib.detect.drawing.canvas import Canvas
 from vbaa_calib.detect.whisker.antenna import free_curve
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session import Still
 from vbaa_calib.session.jig import jig_alternatives, jig_doubts
-
-from .questions import DIRECTIONS, keeps_jig, typed
-from .session_state import SessionState
+from vbaa_calib.wizard.questions import DIRECTIONS, keeps_jig, typed
+from vbaa_calib.wizard.session_state import SessionState
 
 
 @dataclass(frozen=True)
@@ -317,35 +311,3 @@ def _first_doubts(state: SessionState) -> list[Diagnosis]:
         return [Diagnosis(name, words, remedy, "wrong")] if entries else []
 
     return [*found, *state.cached("jig", state.inputs("lens", "plane", "noload"), made)]
-
-
-def draw_axes(state: SessionState, image: np.ndarray, in_jig: bool) -> tuple[Path, np.ndarray]:
-    """The last picture (H, W) of the board in colour, with the board's x and y axes drawn, and in the jig the
-    antenna as the entries place it; and the file to keep it in. Raises SolveError or InputError as the board's pose
-    does."""
-    lens, spec, length_m = state.lens(), state.board, state.session.antenna.length_m
-    view = state.views("plane" if in_jig else "lens")[-1]
-    T_camera_board = solve_board_pose([view], lens.board_shape, lens.camera).T_camera_board
-    canvas, size = Canvas.over(image), 0.6 * spec.size_m[1]
-    frames = [(T_camera_board, "board", {"x": [size, 0, 0], "y": [0, size, 0]})]
-    if in_jig and state.session.T_antenna_board is not None:
-        axes = {"x: the antenna": [length_m, 0, 0], "y": [0, size, 0], "z": [0, 0, size]}
-        frames.append((T_camera_board @ state.session.T_antenna_board.inverse(), "antenna", axes))
-    for pose, what, ends in frames:
-        for (name, end), colour in zip(ends.items(), ((90, 90, 255), (120, 230, 120), (255, 190, 90)), strict=False):
-            points = pose @ np.linspace(np.zeros(3), end, 41)
-            _draw_axis(canvas, lens.camera, points, f"{what} {name}", colour)
-    path = state.store.root / "jig.jpg"
-    with replacing(path) as temporary:
-        temporary.write_bytes(cv2.imencode(".jpg", canvas.image, [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes())
-    return path, canvas.image
-
-
-def _draw_axis(canvas: Canvas, camera: Camera, points_m: np.ndarray, name: str, colour: tuple[int, int, int]) -> None:
-    pixels, valid = camera.project(points_m)
-    inside = pixels[valid & camera.in_picture(pixels)]
-    if len(inside) > 1:
-        canvas.line(inside, (0, 0, 0), 4.0)
-        canvas.line(inside, colour, 2.0)
-        canvas.arrow(inside[-2], inside[-1], colour)
-        canvas.words(name, inside[-1], colour)

@@ -10,18 +10,22 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
+
 from targets.sheet import fill_in, lay_out, paper_named, spec_document
 from targets.write_sheet import as_pdf, draw
+from vbaa_calib.calibrate.pose.board_pose import solve_board_pose
+from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
-from vbaa_calib.core.files import read_text, sha256, write_text
+from vbaa_calib.core.files import read_text, replacing, sha256, write_text
 from vbaa_calib.core.images import list_images, read_gray, read_picture
 from vbaa_calib.detect.board.board_file import load_board
+from vbaa_calib.detect.drawing.canvas import Canvas
 from vbaa_calib.session import SILENT, Session, load_session, read_loads, read_noload, read_sweep
 from vbaa_calib.session.jig import jig_doubts
 from vbaa_calib.sources import Picture
-
-from .against_answers import draw_axes
-from .questions import (
+from vbaa_calib.wizard.questions import (
     BOARD_ANSWERS,
     BY_KEY,
     OF_LENS_FILE,
@@ -36,10 +40,10 @@ from .questions import (
     split_line,
     typed,
 )
-from .session_state import BOARD, SessionState, scale_of
-from .steps import PictureCheck, Step
-from .store import ASIDE, FOLDERS, WAYS, AcceptedPicture, Store
-from .ui import Interrupted, LivePicture, Ui
+from vbaa_calib.wizard.session_state import BOARD, SessionState, scale_of
+from vbaa_calib.wizard.steps import PictureCheck, Step
+from vbaa_calib.wizard.store import ASIDE, FOLDERS, WAYS, AcceptedPicture, Store
+from vbaa_calib.wizard.ui import Interrupted, LivePicture, Ui
 
 _SHEET = "board.pdf"
 _VOIDS = {
@@ -162,7 +166,7 @@ def show_axes(state: SessionState, ui: Ui, live: Picture | None = None) -> None:
         return
     image = read_gray(state.store.path(taken[-1])) if live is None else live.image
     try:
-        path, drawn = draw_axes(state, image, in_jig=bool(in_jig))
+        path, drawn = _draw_axes(state, image, in_jig=bool(in_jig))
     except VbaaError:  # the lens does not explain the picture, which is reported elsewhere
         return
     where = "the board's axes and the antenna as the answers put it" if in_jig else "the board's x and y"
@@ -351,3 +355,35 @@ def _open_questions(step: str, answers: Answers, *, usual: bool = False) -> list
     default."""
     mine = (one.as_known(answers) for one in QUESTIONS if one.step == step)
     return [one for one in mine if one.usual == usual and one.key not in answers and one.needed(answers)]
+
+
+def _draw_axes(state: SessionState, image: np.ndarray, in_jig: bool) -> tuple[Path, np.ndarray]:
+    """The last picture (H, W) of the board in colour, with the board's x and y axes drawn, and in the jig the
+    antenna as the entries place it; and the file to keep it in. Raises SolveError or InputError as the board's pose
+    does."""
+    lens, spec, length_m = state.lens(), state.board, state.session.antenna.length_m
+    view = state.views("plane" if in_jig else "lens")[-1]
+    T_camera_board = solve_board_pose([view], lens.board_shape, lens.camera).T_camera_board
+    canvas, size = Canvas.over(image), 0.6 * spec.size_m[1]
+    frames = [(T_camera_board, "board", {"x": [size, 0, 0], "y": [0, size, 0]})]
+    if in_jig and state.session.T_antenna_board is not None:
+        axes = {"x: the antenna": [length_m, 0, 0], "y": [0, size, 0], "z": [0, 0, size]}
+        frames.append((T_camera_board @ state.session.T_antenna_board.inverse(), "antenna", axes))
+    for pose, what, ends in frames:
+        for (name, end), colour in zip(ends.items(), ((90, 90, 255), (120, 230, 120), (255, 190, 90)), strict=False):
+            points = pose @ np.linspace(np.zeros(3), end, 41)
+            _draw_axis(canvas, lens.camera, points, f"{what} {name}", colour)
+    path = state.store.root / "jig.jpg"
+    with replacing(path) as temporary:
+        temporary.write_bytes(cv2.imencode(".jpg", canvas.image, [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes())
+    return path, canvas.image
+
+
+def _draw_axis(canvas: Canvas, camera: Camera, points_m: np.ndarray, name: str, colour: tuple[int, int, int]) -> None:
+    pixels, valid = camera.project(points_m)
+    inside = pixels[valid & camera.in_picture(pixels)]
+    if len(inside) > 1:
+        canvas.line(inside, (0, 0, 0), 4.0)
+        canvas.line(inside, colour, 2.0)
+        canvas.arrow(inside[-2], inside[-1], colour)
+        canvas.words(name, inside[-1], colour)

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from vbaa_calib.core.errors import InputError, VbaaError, clipped, require_extra
-from vbaa_calib.core.files import require_file
+from vbaa_calib.core.errors import InputError, VbaaError, require_extra
 from vbaa_calib.core.threads import cores
 from viz.batch import work
 from viz.batch.recordings import BatchRecording
@@ -58,34 +56,6 @@ class Where:
     def threads(self) -> int:
         """Threads of each process's numerical libraries, so that all processes together use each core once."""
         return max(cores() // self.jobs, 1) if self.address is None else 1
-
-
-def at_scheduler(address: str, tls: Mapping[str, Path | None], insecure: bool = False) -> Where:
-    """A scheduler with TLS, or any if `insecure`.
-
-    tls : files by dask's names, ca_file, client_cert and client_key; where one is None, dask's configuration has it.
-    Raises InputError without dask, for a scheduler without TLS, and for certificates that are missing or not valid.
-    """
-    distributed = require_extra("distributed", "batch")
-    secure = address.startswith("tls://")
-    if not (secure or insecure):
-        what = "without TLS, all who reach it can run code as its workers and as you"
-        remedy = "give tls://HOST:PORT and certificates, or --insecure-scheduler where nobody else reaches it"
-        raise InputError(what, where=address, remedy=remedy)
-    for path in tls.values():
-        if path is not None:
-            require_file(path, "certificate")
-    named = {f"tls_{name}": str(path) for name, path in tls.items() if path is not None}
-    security = distributed.Security(require_encryption=not insecure, **named)
-    if secure and not (security.tls_ca_file and security.tls_client_cert):
-        remedy = "give --tls-ca-file, --tls-cert and --tls-key, or set distributed.comm.tls in dask's configuration"
-        raise InputError("no certificates for its TLS", where=address, remedy=remedy)
-    try:
-        security.get_connection_args("client")
-    except (OSError, ValueError) as error:
-        what = f"its certificates are not valid ({clipped(str(error))})"
-        raise InputError(what, where=address, remedy="give PEM files that belong together") from None
-    return Where(address=address, security=security)
 
 
 @contextmanager

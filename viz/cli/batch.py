@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vbaa_calib.core.errors import InputError, clipped, require_extra
+from vbaa_calib.core.files import require_file
+from viz.batch.cluster import Where
 from viz.cli import streams
 from viz.cli.estimate import add_estimator_options
 
@@ -155,7 +158,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
 def _where(args: argparse.Namespace, count: int) -> Where:
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.core.threads import cores
-    from viz.batch.cluster import Where, at_scheduler
+    from viz.batch.cluster import Where
 
     elsewhere = args.scheduler is not None or args.scheduler_file is not None
     tls = {"ca_file": args.tls_ca_file, "client_cert": args.tls_cert, "client_key": args.tls_key}
@@ -173,7 +176,7 @@ def _where(args: argparse.Namespace, count: int) -> Where:
         _check_memory(args.memory)
     if elsewhere:
         address = args.scheduler if args.scheduler_file is None else _address_in(args.scheduler_file)
-        return at_scheduler(address, tls, args.insecure_scheduler)
+        return _at_scheduler(address, tls, args.insecure_scheduler)
     return Where(min(cores(), count) if args.jobs is None else args.jobs, args.memory)
 
 
@@ -233,3 +236,31 @@ def _with_progress(outcomes: Iterable[Outcome], count: int) -> Iterator[tuple[Ou
             outcome.state, str(outcome.row.get("sentence"))
         )
         yield outcome, f"[{done}/{count}{rate}, {(count - done) * seconds / done:.0f} s left] {outcome.name}: {what}"
+
+
+def _at_scheduler(address: str, tls: Mapping[str, Path | None], insecure: bool = False) -> Where:
+    """A scheduler with TLS, or any if `insecure`.
+
+    tls : files by dask's names, ca_file, client_cert and client_key; where one is None, dask's configuration has it.
+    Raises InputError without dask, for a scheduler without TLS, and for certificates that are missing or not valid.
+    """
+    distributed = require_extra("distributed", "batch")
+    secure = address.startswith("tls://")
+    if not (secure or insecure):
+        what = "without TLS, all who reach it can run code as its workers and as you"
+        remedy = "give tls://HOST:PORT and certificates, or --insecure-scheduler where nobody else reaches it"
+        raise InputError(what, where=address, remedy=remedy)
+    for path in tls.values():
+        if path is not None:
+            require_file(path, "certificate")
+    named = {f"tls_{name}": str(path) for name, path in tls.items() if path is not None}
+    security = distributed.Security(require_encryption=not insecure, **named)
+    if secure and not (security.tls_ca_file and security.tls_client_cert):
+        remedy = "give --tls-ca-file, --tls-cert and --tls-key, or set distributed.comm.tls in dask's configuration"
+        raise InputError("no certificates for its TLS", where=address, remedy=remedy)
+    try:
+        security.get_connection_args("client")
+    except (OSError, ValueError) as error:
+        what = f"its certificates are not valid ({clipped(str(error))})"
+        raise InputError(what, where=address, remedy="give PEM files that belong together") from None
+    return Where(address=address, security=security)

@@ -16,7 +16,10 @@ if TYPE_CHECKING:
     from estimator.budget.budget import BudgetContacts
     from vbaa_calib.rig import Rig
 
-from .estimate import FRICTION_RAD
+import numpy as np
+
+from estimator.budget.budget import Budget, per_result
+from viz.cli.estimate import FRICTION_RAD
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -42,7 +45,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Make and print the budget, and write the files that are asked for."""
     from estimator.budget.budget import error_budget
-    from estimator.budget.report import SCHEMA, advice, as_data, contacts_as_data, table
+    from estimator.budget.report import SCHEMA, advice, as_data, table
     from vbaa_calib.calibrate.check.finding import at
     from vbaa_calib.cli.usable_rig import usable_rig
 
@@ -83,7 +86,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
 
         write_text(args.figure, budget_figure(budget), args.force)
     if args.output is not None:
-        whole = {"schema": SCHEMA, **result, "by_contact": contacts_as_data(budget)}
+        whole = {"schema": SCHEMA, **result, "by_contact": _contacts_as_data(budget)}
         write_json(args.output, whole, args.force)
     written = {name: None if path is None else str(path) for name, path in outputs.items()}
     if any(written.values()):
@@ -117,3 +120,26 @@ def _touches(args: argparse.Namespace, rig: Rig) -> BudgetContacts:
             remedy="give a smaller force: slopes are ordinary below 35°",
         )
     return touch
+
+
+def _contacts_as_data(budget: Budget) -> list[dict[str, Any]]:
+    """Each contact's standard deviations, m and N, and their contributions by cause."""
+
+    def deviations(row: np.ndarray) -> dict[str, float]:
+        return {name: float(np.sqrt(values[0])) for name, values in per_result(row[None]).items()}
+
+    whole = _sum_of(budget)
+    return [
+        {
+            "distance_m": float(budget.touches.distance_m[i]),
+            "push_N": budget.touches.push_N[i].tolist(),
+            "std": deviations(whole[i]),
+            "by_cause": {cause: deviations(rows[i]) for cause, rows in budget.variances.items()},
+        }
+        for i in range(len(budget.touches))
+    ]
+
+
+def _sum_of(budget: Budget) -> np.ndarray:
+    """(B, 6) variances due to all causes together."""
+    return np.sum(list(budget.variances.values()), axis=0)

@@ -9,13 +9,12 @@ import cv2
 import numpy as np
 from markupsafe import Markup
 
+from viz.figures.drawing import Plot, PlotMarks, pale, picture
+from viz.figures.settings import STYLE
 from viz.scene.layout import INK, LOOK, view_direction
 from viz.scene.readable import contact_scale, hexes, object_scale, on_ramp, round_down, thinned
 from viz.scene.rig_items import RigItems
 from viz.scene.scene import ObjectMesh, Scene
-
-from .drawing import Plot, PlotMarks, pale, picture
-from .settings import STYLE
 
 Project = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Points (…, 3) m → (…, 2) px and (…,) px towards the viewer."""
@@ -38,25 +37,6 @@ def scene_views(scene: Scene) -> tuple[Markup, ...]:
     axes.write((636 - length_m * scale / 2, 454), f"{1e3 * length_m:g} mm", "middle")
     close_up = axes.svg("what was touched, close up", 'class="scene"')
     return (close_up,) if scene.rig is None else (_whole_rig(scene, scene.rig), close_up)
-
-
-def scene_key(scene: Scene) -> dict[str, list[tuple[str, ...]]]:
-    """The pictures' legend: `colours` with their meaning, and `ramps` (gradient in CSS, low end, title, high end)."""
-    notes = {"spread": scene.spreads()[2], "cones": scene.cones()[2]}
-    names = ["object"] if scene.object is not None and object_scale(scene) is None else []
-    names += [name for name, (found, *_) in (("spread", scene.spreads()), ("cones", scene.cones())) if len(found)]
-    names += ["truth"] if scene.truth is not None else []
-    if scene.rig is not None:
-        step = scene.level_grid(scene.rig)[1]
-        names += ["antenna", "free", *["ghosts"] * bool(len(scene.rig.ghosts))]
-        names += ["plane", "camera", *["grid"] * (step > 0)]
-        notes["grid"] = f"{1e3 * step:g} mm"
-    labels = {name: LOOK[name][1] for name in names} | {"antenna": "antenna at the greatest force"}
-    scales = [one for one in (contact_scale(scene, "force"), object_scale(scene)) if one is not None]
-    return {
-        "colours": [(LOOK[name][0], ", ".join(filter(None, [labels[name], notes.get(name, "")]))) for name in names],
-        "ramps": [(one.gradient, *one.ends) for one in scales],
-    }
 
 
 def _towards(direction: np.ndarray) -> np.ndarray:

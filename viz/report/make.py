@@ -19,14 +19,15 @@ from vbaa_calib.core.errors import VbaaError, Verdict
 from vbaa_calib.core.files import read_json, write_text
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session, read_recording
-from viz.figures.scene import scene_key, scene_views
+from viz.figures.scene import scene_views
 from viz.files.outputs import PAGES, refuse_output
 from viz.pages.page import render
+from viz.report.recording import Report, SummaryRow, page
+from viz.report.words import object_found, origin
+from viz.scene.layout import LOOK
+from viz.scene.readable import contact_scale, object_scale
 from viz.scene.rig_items import session_pictures
-from viz.scene.scene import Fact, build_scene, framewise, sentence
-
-from .recording import Report, SummaryRow, page
-from .words import object_found, origin
+from viz.scene.scene import Fact, Scene, build_scene, framewise, sentence
 
 if TYPE_CHECKING:
     from estimator.contact.recording import Ground
@@ -139,7 +140,7 @@ def _scene_picture(
             "antenna; `vbaa view` shows the scene to turn, zoom and follow in time.",
             b"",
             views=scene_views(scene),
-            **scene_key(scene),
+            **_scene_key(scene),
         )
     except VbaaError as error:
         return _picture(f"No picture of the scene: {error}")
@@ -180,3 +181,22 @@ def _picture(words: str, jpeg: bytes = b"", **drawn: Sequence[object]) -> Markup
     give the reason."""
     drawn = {"views": (), "colours": (), "ramps": ()} | drawn
     return Markup(render("picture.html.j2", words=words, jpeg=jpeg, **drawn))
+
+
+def _scene_key(scene: Scene) -> dict[str, list[tuple[str, ...]]]:
+    """The pictures' legend: `colours` with their meaning, and `ramps` (gradient in CSS, low end, title, high end)."""
+    notes = {"spread": scene.spreads()[2], "cones": scene.cones()[2]}
+    names = ["object"] if scene.object is not None and object_scale(scene) is None else []
+    names += [name for name, (found, *_) in (("spread", scene.spreads()), ("cones", scene.cones())) if len(found)]
+    names += ["truth"] if scene.truth is not None else []
+    if scene.rig is not None:
+        step = scene.level_grid(scene.rig)[1]
+        names += ["antenna", "free", *["ghosts"] * bool(len(scene.rig.ghosts))]
+        names += ["plane", "camera", *["grid"] * (step > 0)]
+        notes["grid"] = f"{1e3 * step:g} mm"
+    labels = {name: LOOK[name][1] for name in names} | {"antenna": "antenna at the greatest force"}
+    scales = [one for one in (contact_scale(scene, "force"), object_scale(scene)) if one is not None]
+    return {
+        "colours": [(LOOK[name][0], ", ".join(filter(None, [labels[name], notes.get(name, "")]))) for name in names],
+        "ramps": [(one.gradient, *one.ends) for one in scales],
+    }

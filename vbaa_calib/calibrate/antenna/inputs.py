@@ -4,21 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from vbaa_calib.antenna.taper import UNIFORM, Taper
-from vbaa_calib.calibrate.lens.uncertainty import linear_axes
+from vbaa_calib.calibrate.antenna.settings import AntennaSettings
+from vbaa_calib.calibrate.lens.settings import LensSettings
+from vbaa_calib.calibrate.lens.uncertainty import pixel_grid, projection_jacobian
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.camera import Camera
 from vbaa_calib.detect.whisker.locking import locking_std
 from vbaa_calib.detect.whisker.paint import Paint
 from vbaa_calib.geometry import Pose
+from vbaa_calib.geometry.independent_axes import independent_axes
 from vbaa_calib.rig import WrenchSensor
 from vbaa_calib.session import Drift, Load, LoadReadings, Still
-
-from .settings import AntennaSettings
 
 EXACT = LoadReadings()  # loads whose places and forces are exact
 
@@ -165,7 +166,7 @@ class Prior:
     def lens_shares(self) -> np.ndarray:
         """(P,) lengths of `lens_axes` in standard deviations of the lens: below `lens_share` along axes that move the
         picture nonlinearly."""
-        return np.zeros(0) if self.camera.covariance is None else self.lens_share * linear_axes(self.camera)[1]
+        return np.zeros(0) if self.camera.covariance is None else self.lens_share * _linear_axes(self.camera)[1]
 
     @cached_property
     def lens_axes(self) -> np.ndarray:
@@ -173,4 +174,34 @@ class Prior:
         long; (0, 0) for an exact lens."""
         if self.fixed_axes is not None:
             return self.fixed_axes
-        return np.zeros((0, 0)) if self.camera.covariance is None else linear_axes(self.camera)[0] * self.lens_shares
+        return np.zeros((0, 0)) if self.camera.covariance is None else _linear_axes(self.camera)[0] * self.lens_shares
+
+
+@lru_cache(maxsize=4)
+def _linear_axes(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Independent axes (P, P) of a lens's covariance, one standard deviation long, and the share (P,) of each within
+    which the projection is linear and the visible region unchanged.
+
+    Where the board's views leave a rational or wide lens open the covariance is an extrapolation: a small part of a
+    standard deviation along one axis leads to a lens that folds inside the picture.
+    """
+    assert camera.covariance is not None
+    axes, shares, within = independent_axes(camera.covariance), np.ones(len(camera.covariance)), LensSettings()
+    pixels = pixel_grid(camera.image_size, within.grid).reshape(-1, 2)
+    slopes, (rays, valid) = projection_jacobian(camera, pixels), camera.unproject(pixels)
+    valid &= np.isfinite(slopes).all(axis=(-1, -2))
+    pixels, rays, slopes = pixels[valid], rays[valid], slopes[valid]
+    if not len(pixels):
+        return axes, shares
+
+    def linear(step: np.ndarray) -> bool:
+        seen, inside = camera.moved(step).project(rays)
+        moved = slopes @ step
+        allowed = within.bend * np.linalg.norm(moved) + within.negligible_px * np.sqrt(len(pixels))
+        return bool(inside.all() and np.linalg.norm(seen - pixels - moved) <= allowed)
+
+    turned = axes @ np.linalg.svd((slopes @ axes).reshape(2 * len(pixels), -1), full_matrices=False)[2].T
+    for index, axis in enumerate(turned.T):
+        near = (share for share in within.shares if linear(share * axis) and linear(-share * axis))
+        shares[index] = next(near, within.shares[-1])
+    return (axes, shares) if (shares == 1.0).all() else (turned, shares)

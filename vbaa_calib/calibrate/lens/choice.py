@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import chdtrc
 
+from vbaa_calib.calibrate.lens.board_shape import SHAPE, deformations
+from vbaa_calib.calibrate.lens.bundle import CONVERGED, BoardCorners, Bundle, refine, rows
+from vbaa_calib.calibrate.lens.models import LENS_MODELS, DistortionModel, camera_of, is_monotonic, pole_distance
+from vbaa_calib.calibrate.lens.settings import LensSettings
+from vbaa_calib.calibrate.lens.uncertainty import compensate, is_covered, pixel_grid, projection_jacobian
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.least_squares import CHANCE_SCATTER, padded, without_own
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.rig.rig_file import can_hold
-
-from .board_shape import SHAPE, deformations
-from .bundle import CONVERGED, BoardCorners, Bundle, refine, rows
-from .models import LENS_MODELS, DistortionModel, camera_of, is_monotonic, pole_distance
-from .settings import LensSettings
-from .uncertainty import compensate, expected_errors_px, pixel_grid, projection_jacobian
 
 _NEAR = replace(CONVERGED, iterations=20, tolerance=1e-5)  # from a start that is all but the answer
 
@@ -202,7 +201,7 @@ class Candidate:
     monotonic: bool  # whether it maps the whole picture without folding, once it has converged
     halves: float | None = None  # as `_compare_split_half` gives them
     halves_p_value: float | None = None
-    expected_error_px: float | None = None  # as `expected_errors_px` gives it; None for a single model
+    expected_error_px: float | None = None  # as `_expected_errors_px` gives it; None for a single model
     passed_over: str = ""  # why it was not chosen, where that is not its expected error
 
     @property
@@ -258,9 +257,9 @@ def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, 
 
     Models with a left-out error that is larger by 0.5 % and significantly so (over views), or by 10 %, are wrong. Of
     the others the one of least expected error over the picture is taken, bias and noise together
-    (`expected_errors_px`), but a simpler one, if its expected error is larger by no more than the standard error of the
-    difference, from leaving out each view in turn (jackknife), and by no more than 35 %, or if views that it was not
-    fitted to fit it as well. A lens without decentring must be 15 % better than opencv4, which has it.
+    (`_expected_errors_px`), but a simpler one, if its expected error is larger by no more than the standard error of
+    the difference, from leaving out each view in turn (jackknife), and by no more than 35 %, or if views that it was
+    not fitted to fit it as well. A lens without decentring must be 15 % better than opencv4, which has it.
 
     Models beyond the bounds of rig.json are not taken; models that fold inside the picture only if every other is 10 %
     worse on left-out views, those with halves that disagree or with a pole near the picture only if every other is
@@ -300,7 +299,7 @@ def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, 
     good = [name for name in names if is_good(name)]
     names = preferred(names, good, np.inf, "misses left-out views by clearly more")
     cameras = {name: one.camera for name, one in every.items()}
-    off_px = expected_errors_px(cameras, best, corners_px, {name: one.left_out for name, one in every.items()})
+    off_px = _expected_errors_px(cameras, best, corners_px, {name: one.left_out for name, one in every.items()})
     expected_px, free = (
         {n: float(off_px[n][0]) for n in every},
         {n: every[n].candidate.free_parameters for n in every},
@@ -329,3 +328,43 @@ def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, 
         for name, one in every.items()
     ]
     return chosen, tuple(rows)
+
+
+def _expected_errors_px(
+    cameras: Mapping[str, Camera], reference: str, corners_px: np.ndarray, left_out: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Expected errors (1 + V,) px of the lens from all views and of the lens with each view left out, by the focused
+    information criterion (Claeskens & Hjort 2003): variance plus squared bias, where the bias is estimated by the
+    difference from the reference less twice the mean that noise causes.
+
+    cameras : by name, from the same corners (N, 2), with covariances. reference : one without bias. left_out : by how
+    much the parameters (V, 4 + k) change without each view. What a turn of the camera explains among the corners is
+    left out; the geometric mean over the picture is taken, so that a lens must not run wild beyond the corners, nor
+    count for nothing else.
+    """
+    pixels = pixel_grid(cameras[reference].image_size).reshape(-1, 2)
+    among = is_covered(pixels, corners_px)
+    rays, valid = cameras[reference].unproject(pixels)
+    variances, squares, moved = {}, {}, {}
+    for name in sorted(cameras, key=lambda one: one != reference):
+        seen, inside = cameras[name].project(rays)
+        # a pixel that a lens does not see is one that it gets wrong
+        wrong = ~(valid & inside)
+        slopes = np.concatenate([projection_jacobian(cameras[name], seen), (seen - pixels)[..., None]], axis=-1)
+        left = compensate(cameras[name], seen, slopes, among & ~wrong)
+        jacobian, apart = left[..., :-1], left[..., -1:]
+        moved[name] = jacobian @ left_out[name].T
+        apart = np.concatenate([apart, apart + moved[name] - moved[reference]], axis=-1)
+        carried = jacobian @ cameras[name].covariance @ np.swapaxes(jacobian, -1, -2)
+        variances[name] = np.where(wrong, np.inf, np.trace(carried, axis1=-2, axis2=-1))[:, None]
+        squares[name] = np.where(wrong[:, None], LensSettings.unseen_px**2, np.sum(apart**2, axis=1))
+    expected = {}
+    for name, variance in variances.items():
+        with np.errstate(invalid="ignore"):
+            noise = np.clip(np.nan_to_num(variances[reference] - variance), 0.0, None)
+        square = np.nan_to_num(np.minimum(variance, LensSettings.unseen_px**2), nan=LensSettings.unseen_px**2)
+        square = square + np.clip(
+            np.nan_to_num(squares[name], nan=LensSettings.unseen_px**2) - LensSettings.chance_bias * noise, 0.0, None
+        )
+        expected[name] = np.exp(0.5 * np.mean(np.log(np.maximum(square, LensSettings.least_error_px**2)), axis=0))
+    return expected

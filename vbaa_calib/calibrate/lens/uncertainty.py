@@ -7,18 +7,16 @@ rotation explains.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import lru_cache
 
 import cv2
 import numpy as np
 
+from vbaa_calib.calibrate.lens.settings import LensSettings
 from vbaa_calib.camera import Camera
 from vbaa_calib.camera.lens import ray_derivatives
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.geometry.independent_axes import independent_axes, largest_std
-
-from .settings import LensSettings
+from vbaa_calib.geometry.independent_axes import largest_std
 
 
 def projection_uncertainty(
@@ -50,76 +48,6 @@ def is_covered(pixels: np.ndarray, corners_px: np.ndarray) -> np.ndarray:
     """(M,) mask of the pixels (M, 2) that lie among corners (N, 2)."""
     hull = cv2.convexHull(corners_px.astype(np.float32))
     return np.array([cv2.pointPolygonTest(hull, one.tolist(), False) >= 0 for one in pixels], bool)
-
-
-def expected_errors_px(
-    cameras: Mapping[str, Camera], reference: str, corners_px: np.ndarray, left_out: Mapping[str, np.ndarray]
-) -> dict[str, np.ndarray]:
-    """Expected errors (1 + V,) px of the lens from all views and of the lens with each view left out, by the focused
-    information criterion (Claeskens & Hjort 2003): variance plus squared bias, where the bias is estimated by the
-    difference from the reference less twice the mean that noise causes.
-
-    cameras : by name, from the same corners (N, 2), with covariances. reference : one without bias. left_out : by how
-    much the parameters (V, 4 + k) change without each view. What a turn of the camera explains among the corners is
-    left out; the geometric mean over the picture is taken, so that a lens must not run wild beyond the corners, nor
-    count for nothing else.
-    """
-    pixels = pixel_grid(cameras[reference].image_size).reshape(-1, 2)
-    among = is_covered(pixels, corners_px)
-    rays, valid = cameras[reference].unproject(pixels)
-    variances, squares, moved = {}, {}, {}
-    for name in sorted(cameras, key=lambda one: one != reference):
-        seen, inside = cameras[name].project(rays)
-        # a pixel that a lens does not see is one that it gets wrong
-        wrong = ~(valid & inside)
-        slopes = np.concatenate([projection_jacobian(cameras[name], seen), (seen - pixels)[..., None]], axis=-1)
-        left = compensate(cameras[name], seen, slopes, among & ~wrong)
-        jacobian, apart = left[..., :-1], left[..., -1:]
-        moved[name] = jacobian @ left_out[name].T
-        apart = np.concatenate([apart, apart + moved[name] - moved[reference]], axis=-1)
-        carried = jacobian @ cameras[name].covariance @ np.swapaxes(jacobian, -1, -2)
-        variances[name] = np.where(wrong, np.inf, np.trace(carried, axis1=-2, axis2=-1))[:, None]
-        squares[name] = np.where(wrong[:, None], LensSettings.unseen_px**2, np.sum(apart**2, axis=1))
-    expected = {}
-    for name, variance in variances.items():
-        with np.errstate(invalid="ignore"):
-            noise = np.clip(np.nan_to_num(variances[reference] - variance), 0.0, None)
-        square = np.nan_to_num(np.minimum(variance, LensSettings.unseen_px**2), nan=LensSettings.unseen_px**2)
-        square = square + np.clip(
-            np.nan_to_num(squares[name], nan=LensSettings.unseen_px**2) - LensSettings.chance_bias * noise, 0.0, None
-        )
-        expected[name] = np.exp(0.5 * np.mean(np.log(np.maximum(square, LensSettings.least_error_px**2)), axis=0))
-    return expected
-
-
-@lru_cache(maxsize=4)
-def linear_axes(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Independent axes (P, P) of a lens's covariance, one standard deviation long, and the share (P,) of each within
-    which the projection is linear and the visible region unchanged.
-
-    Where the board's views leave a rational or wide lens open the covariance is an extrapolation: a small part of a
-    standard deviation along one axis leads to a lens that folds inside the picture.
-    """
-    assert camera.covariance is not None
-    axes, shares, within = independent_axes(camera.covariance), np.ones(len(camera.covariance)), LensSettings()
-    pixels = pixel_grid(camera.image_size, within.grid).reshape(-1, 2)
-    slopes, (rays, valid) = projection_jacobian(camera, pixels), camera.unproject(pixels)
-    valid &= np.isfinite(slopes).all(axis=(-1, -2))
-    pixels, rays, slopes = pixels[valid], rays[valid], slopes[valid]
-    if not len(pixels):
-        return axes, shares
-
-    def linear(step: np.ndarray) -> bool:
-        seen, inside = camera.moved(step).project(rays)
-        moved = slopes @ step
-        allowed = within.bend * np.linalg.norm(moved) + within.negligible_px * np.sqrt(len(pixels))
-        return bool(inside.all() and np.linalg.norm(seen - pixels - moved) <= allowed)
-
-    turned = axes @ np.linalg.svd((slopes @ axes).reshape(2 * len(pixels), -1), full_matrices=False)[2].T
-    for index, axis in enumerate(turned.T):
-        near = (share for share in within.shares if linear(share * axis) and linear(-share * axis))
-        shares[index] = next(near, within.shares[-1])
-    return (axes, shares) if (shares == 1.0).all() else (turned, shares)
 
 
 def projection_jacobian(camera: Camera, pixels: np.ndarray) -> np.ndarray:

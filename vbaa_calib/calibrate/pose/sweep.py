@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import cv2
@@ -33,20 +34,19 @@ from scipy.optimize import minimize_scalar
 from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.lens.models import projected
 from vbaa_calib.calibrate.lens.outliers import DroppedView, usable_views
+from vbaa_calib.calibrate.pose.board_pose import mirrored, require_size
+from vbaa_calib.calibrate.pose.fusion import PoseEstimate
+from vbaa_calib.calibrate.pose.hand_eye import robot_world
+from vbaa_calib.calibrate.pose.settings import PoseSettings
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError, SolveError
-from vbaa_calib.core.least_squares import Rules, levenberg_marquardt, schur_complement, solve_scaled, view_products
+from vbaa_calib.core.least_squares import Rules, levenberg_marquardt, schur_complement, solve_scaled
 from vbaa_calib.core.robust import chi_square, chi_square_p, radial_std, soft_l1_weights
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.geometry import Kinematics, Pose, rotation_world_antenna
 from vbaa_calib.geometry.independent_axes import largest_std
 from vbaa_calib.session import SweepPicture
-
-from .board_pose import mirrored, require_size
-from .fusion import PoseEstimate
-from .hand_eye import robot_world
-from .settings import PoseSettings
 
 _CAMERA = slice(0, 6)  # columns of a step: tangent of X,
 _BOARD = slice(6, 12)  # tangent of B,
@@ -228,7 +228,7 @@ class _SweepProblem:
         errors."""
         whole = np.concatenate([columns, at.residuals_px[..., None], at.by_angles], axis=-1)
         bounds = np.searchsorted(self.corners.picture, np.arange(self.corners.pictures + 1))
-        return view_products(whole * np.sqrt(weights)[:, None, None], bounds)
+        return _view_products(whole * np.sqrt(weights)[:, None, None], bounds)
 
     def _descended(self, state: _SweepState, weights: np.ndarray, angle_ratio: float, rules: Rules) -> _SweepEquations:
         def linearised(state: _SweepState) -> _SweepEquations:
@@ -601,3 +601,9 @@ def _estimate(found: _SweepFit, T_actuator_antenna: Pose, tilt_zero_std_rad: flo
     )
     of_axes = found.covariance[_AXES, _CAMERA] @ to_antenna.T
     return estimate, np.vstack([of_axes, tilt_zero_std_rad**2 * by_zero])
+
+
+def _view_products(rows: np.ndarray, bounds: np.ndarray) -> np.ndarray:
+    """(V, m, m) per-view sums of products of rows (N, 2, m); view v has rows bounds[v] to bounds[v + 1]."""
+    flat = [rows[first:last].reshape(-1, rows.shape[-1]) for first, last in pairwise(bounds)]
+    return np.array([block.T @ block for block in flat])

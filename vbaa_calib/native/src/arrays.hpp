@@ -14,7 +14,7 @@ namespace vbaa {
 constexpr double INFINITE = std::numeric_limits<double>::infinity();
 constexpr double NOT_KNOWN = std::numeric_limits<double>::quiet_NaN();
 
-// A window on numbers that somebody else keeps.
+// A view of numbers that it does not own.
 template <class T, int N>
 struct View {
     T* data = nullptr;
@@ -22,7 +22,7 @@ struct View {
 
     View() = default;
     View(T* values, std::array<int, N> sizes) : data(values), shape(sizes) {}
-    // a window to read through, of one to write through
+    // a constant view, from a mutable one
     template <class U>
     View(const View<U, N>& other) : data(other.data), shape(other.shape) {}
 
@@ -73,14 +73,14 @@ struct View {
     }
 };
 
-// A thread's blocks of memory that are free again, by size: arrays of one picture come and go by the dozen,
-// and what malloc does with blocks of this size takes longer than what is written into them.
+// A thread's pool of free memory blocks by size: arrays of one picture come and go by the dozen, and malloc takes
+// longer for blocks of this size than it takes to fill them.
 class Blocks {
     static constexpr std::align_val_t ALIGNMENT{64};  // that of the processor's widest vectors
     static constexpr std::size_t LEAST = 1024;        // bytes; smaller ones are malloc's
     static constexpr std::size_t MOST = 8388608;      // bytes that a thread keeps
     static constexpr std::size_t SIZES = 11;          // from 1 kB to 1 MB, twice as large each
-    // One that is free leads to the next.
+    // A free block, linked to the next.
     struct Block {
         Block* next;
     };
@@ -100,7 +100,7 @@ class Blocks {
     // without a destructor: memory is released after the thread's other objects have gone, too
     static inline thread_local Free mine = {};
 
-    // The size of a block for so many bytes, SIZES where none is kept.
+    // Size class of a block of this many bytes; SIZES where none is pooled.
     static std::size_t size_of(std::size_t bytes) {
         if (bytes <= LEAST / 2) return SIZES;
         std::size_t size = 0;
@@ -128,7 +128,7 @@ class Blocks {
     }
 };
 
-// Memory that starts where the processor's widest vectors do. Numbers that are made without a value have none.
+// An allocator aligned to the processor's widest vectors. Numbers made without a value are uninitialised.
 template <class T>
 struct Aligned {
     using value_type = T;
@@ -150,10 +150,10 @@ struct Aligned {
     bool operator!=(const Aligned&) const { return false; }
 };
 
-// For arrays that are written from end to end before anything reads them.
+// Tag for arrays left uninitialised, because they are written completely before they are read.
 struct Unset {};
 
-// Numbers of its own, zeros at first.
+// An array that owns its numbers, initially zeros.
 template <class T, int N>
 struct Array {
     std::vector<T, Aligned<T>> values;
@@ -171,7 +171,7 @@ struct Array {
         for (int n : shape) count *= n;
         values.resize(count);
     }
-    // a copy of what a window shows
+    // a copy of a view's numbers
     template <class U>
     explicit Array(const View<U, N>& other) : values(other.begin(), other.end()), shape(other.shape) {}
 

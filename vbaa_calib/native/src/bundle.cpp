@@ -116,7 +116,7 @@ void turn_by(const double* by, double* turn) {
     turn[0] = share * x, turn[1] = share * y, turn[2] = share * z;
 }
 
-// Weighted rows of the unknowns (p,), the residuals and the pose (6,), from a view's.
+// Selects a view's weighted rows of the unknowns (p,), the residuals and the pose (6,).
 void Problem::pick(int view) {
     const int size = column.shape[0], half = picked.shape[1] / 2, count = corners.count(view);
     std::vector<double> roots(half);
@@ -131,7 +131,7 @@ void Problem::pick(int view) {
     }
 }
 
-// The cost of what holds lens and shape, after it is in the equations.
+// Cost of the priors of lens and shape, after adding them to the equations.
 double Problem::add_priors(Matrix total, const State& state) {
     const int size = state.lens.size();
     double cost = 0.0;
@@ -240,8 +240,8 @@ State Problem::moved(const State& state, const Step& step) const {
     return next;
 }
 
-// The least cost, as `core.least_squares.levenberg_marquardt` finds it; but a step that changes it by no more than its
-// rounding is taken only where less is promised after it.
+// Minimum of the cost, as `core.least_squares.levenberg_marquardt` finds it, except that a step which changes the
+// cost by no more than rounding is accepted only where the predicted decrease shrinks.
 System Problem::descended(State state, const Rules& rules) {
     System at = linearised(std::move(state));
     double damping = rules.damping;
@@ -271,8 +271,8 @@ System Problem::descended(State state, const Rules& rules) {
     return at;
 }
 
-// Make weights those on the squares of residuals (N, 2) for Cauchy's loss, its scale from their median; returns by how
-// much they change.
+// Set weights to those of Cauchy's loss for residuals (N, 2), its scale from their median; returns their largest
+// change.
 double Problem::reweight(ConstMatrix residuals) {
     const int count = residuals.shape[0];
     std::vector<double> lengths(count);

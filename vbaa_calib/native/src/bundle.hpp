@@ -33,7 +33,7 @@ struct State {
     Array<double, 2> poses;
 };
 
-// What holds the board's shape and the lens, besides the corners.
+// Priors of the board's shape and penalties on the lens, in addition to the corners.
 struct Priors {
     ConstVector mean, std;  // (5,) of the shape: Student's t
     double tail;            // its degrees of freedom
@@ -43,15 +43,15 @@ struct Priors {
     double width, height;   // of the picture
 };
 
-// When a descent ends, as `core.least_squares.Rules` says it.
+// Termination rules, see `core.least_squares.Rules`.
 struct Rules {
     int iterations;
     double tolerance, damping, growth, may_rise_share;
 };
 
-// The least cost of the corners and the priors, in `state`, and the residuals (N, 2) px there. column (4 + k + 5,) says
-// which unknown each number of lens and shape is, -1 of those that are kept. robust: by Cauchy's loss, so gross errors
-// do not pull.
+// Minimises the cost of corners and priors, starting at and returning `state`; writes the residuals (N, 2) px there.
+// column (4 + k + 5,): index of the unknown for each number of lens and shape, -1 for fixed ones. robust: by Cauchy's
+// loss, which bounds the influence of outliers.
 void descend(State& state, const Corners& corners, View<const std::int64_t, 1> column, const Priors& priors,
              const Rules& rules, bool robust, Matrix residuals);
 
@@ -60,22 +60,22 @@ void descend(State& state, const Corners& corners, View<const std::int64_t, 1> c
 // beyond the view's.
 void view_rows(const State& state, const Corners& corners, int view, Matrix rows);
 
-// The same of all corners: residuals (N, 2) and derivatives (N, 2, 4 + k + 5 + 6).
+// Residuals (N, 2) and derivatives (N, 2, 4 + k + 5 + 6) of all corners, as `view_rows`.
 void corner_rows(const State& state, const Corners& corners, Matrix residuals, Cube slopes);
 
 // Distorted radius at an ideal one (the fisheye's: an angle), its slope, and the slope's derivatives (k,).
 void radial_slope(ConstVector distortion, bool fisheye, double radius, double& curve, double& slope,
                   Vector by_distortion);
 
-// Distorted radius of the picture's furthest corner from the axis, and 2 % more; lens (4 + k,).
+// Distorted radius of the picture corner farthest from the principal point, plus 2 %; lens (4 + k,).
 double corner_radius(ConstVector lens, double width, double height);
 
 // Residuals (m,) px of the radii where the slope is too small, and their negative derivatives (m, 4 + k); returns m.
 int unfolding_rows(ConstVector lens, bool fisheye, const Priors& priors, Vector lacking, Matrix by_lens);
 constexpr int RADII = 160;  // radii checked
 
-// Cholesky's lower factor of the first rows in place, one over its diagonal; false if unknowns that the others explain
-// all but for rounding were kept.
+// Cholesky's lower factor of the first rows in place, with reciprocals on its diagonal; false where an unknown is
+// determined by the others up to rounding.
 bool factored(Matrix matrix, int size);
 
 // Lengths (N,) of corners' residuals (N, 2) over their standard deviations, which are 1 where the view's pose is known:

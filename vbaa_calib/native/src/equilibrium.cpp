@@ -6,12 +6,12 @@ using sweep::found_by_sweeps;
 
 namespace {
 
-// Where integrals go.
+// A function that stores integrals in a field.
 auto into(Vectors* field) {
     return [=](std::size_t row, const Vectors& v) { field[row] = v; };
 }
 
-// The nodes of a uniform antenna.
+// Nodes of a uniform antenna, with their integration weights.
 class Even {
   public:
     static constexpr int MOST = NODES;

@@ -27,19 +27,19 @@ struct Work {
     std::array<Vectors, COUNT> integrand;  // scratch
 };
 
-// What the turns make of the loads: Q(0)·R₀ᵀ as a Cayley vector, the contact force along the contact's axes.
+// The loads under the present rotations: Q(0)·R₀ᵀ as a Cayley vector, and the contact force along the contact's axes.
 struct State {
     Vectors seen, force;
 };
 
-// H·v.
+// The product H·v.
 template <int COUNT>
 Vectors hinged(const HingeAt<COUNT>& hinge, int node, Vectors v) {
     Lanes sine = hinge.sine[node], cosine = hinge.cosine[node];
     return {cosine * v.x - sine * v.y, sine * v.x + cosine * v.y, v.z};
 }
 
-// Hᵀ·v.
+// The product Hᵀ·v.
 template <int COUNT>
 Vectors hinged_back(const HingeAt<COUNT>& hinge, int node, Vectors v) {
     Lanes sine = hinge.sine[node], cosine = hinge.cosine[node];
@@ -118,7 +118,7 @@ State state_of(const Loads& loads, const Nodes& nodes, Work<Nodes::MOST>& work, 
     return {seen, force};
 }
 
-// 2 g′.
+// The derivative g′, times 2.
 inline Vectors rate(const Loads& loads, Vectors g, Vectors local, Vectors m, Lanes curvature_per_m) {
     Vectors delta = {m.x, m.y, m.z - curvature_per_m};
     Vectors b = {(TORSION_RATIO - 1.0) * dot(local, m), loads.bow_y_per_m, loads.bow_z_per_m};

@@ -24,7 +24,7 @@ void from_start(const T* integrand, T at_start, T* found) {
     }
 }
 
-// The nodes of one that is not.
+// Nodes of a tapered antenna, with their integration weights.
 class Uneven {
   public:
     static constexpr int MOST = PanelNodes::NODES;
@@ -116,7 +116,7 @@ Pendulum hinge_of_part(const Uneven& nodes, int first, Lanes force, Lanes fricti
     return {psi[0], moment[0]};
 }
 
-// The same of an antenna that is not uniform.
+// The elastica's rotations at the nodes of a tapered antenna.
 void elastica_hinge(const Loads& loads, const Uneven& nodes, HingeAt<PanelNodes::NODES>& hinge) {
     Lanes force = loads.push_per_m2 / sine_and_cosine(loads.friction_rad).cosine;
     Pendulum at = {};

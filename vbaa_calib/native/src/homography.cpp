@@ -24,7 +24,7 @@ struct Homography {
         return found;
     }
 
-    // The inverse but for its scale; a singular matrix gives one that fits nothing.
+    // The inverse up to scale; for a singular matrix one that fits nothing.
     Homography adjugate() const {
         Homography found;
         for (int i = 0; i < 3; ++i)
@@ -85,7 +85,7 @@ struct Columns {
     }
 };
 
-// What fits half of the points (N, 2) best, of those through four of them.
+// The homography through four of the points (N, 2) that has the least median distance.
 Homography least_median(ConstMatrix points, ConstMatrix image, const Columns& columns,
                         View<const std::int64_t, 2> picks) {
     const int count = points.shape[0];
@@ -110,7 +110,7 @@ Homography least_median(ConstMatrix points, ConstMatrix image, const Columns& co
     return best;
 }
 
-// Of least algebraic error over the points (N, 2) within the limit.
+// The homography of least algebraic error over the points (N, 2) within the limit.
 Homography least_squares(ConstMatrix points, ConstMatrix image, const std::vector<double>& distances, double limit) {
     Array<double, 2> scatter(9, 9), vectors(9, 9);
     Array<double, 1> values(9);

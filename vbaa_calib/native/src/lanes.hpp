@@ -1,5 +1,5 @@
-// Eight numbers that are worked on at once, in one, two or four of the processor's own vectors: GCC keeps a vector type
-// that is wider than those in memory, dozens of times slower.
+// Packs of eight numbers, in one, two or four of the processor's own vectors: GCC keeps a wider vector type in
+// memory, which is dozens of times slower.
 #pragma once
 
 #include <cmath>
@@ -10,10 +10,10 @@ namespace vbaa {
 
 constexpr int LANES = 8;
 
-// The smallest multiple of LANES that holds so many numbers.
+// The smallest multiple of LANES that is not below `count`.
 constexpr int whole_lanes(int count) { return (count + LANES - 1) / LANES * LANES; }
 
-// So many bytes of numbers, as vectors of the processor.
+// A processor vector of BYTES bytes.
 template <class T, int BYTES>
 struct Pack {
     static constexpr int VECTOR = __BIGGEST_ALIGNMENT__ < BYTES ? __BIGGEST_ALIGNMENT__ : BYTES;
@@ -37,7 +37,7 @@ struct Pack {
     };
     Lane operator[](int lane) { return {parts[lane / WIDTH], lane % WIDTH}; }
 
-    // Which of the numbers meet a condition.
+    // A truth value for each number of a pack.
     struct Mask {
         using Part = decltype(Pack::Part{} < Pack::Part{});
         Part parts[PARTS];
@@ -109,7 +109,7 @@ struct Pack {
     friend Pack choose(const Mask& mask, const Pack& values, const Pack& others) {
         return each([&](int k) { return mask.parts[k] ? values.parts[k] : others.parts[k]; });
     }
-    // A function of each number.
+    // A function applied to each number.
     template <class Work>
     Pack mapped(Work&& work) const {
         Pack made;

@@ -79,7 +79,7 @@ Two<T> normalized_by_chart(const Layout<T>& ray, T x, T y) {
     return {tangent + growth * x * x, shear, shear, tangent + growth * y * y};
 }
 
-// Pixels undone: their points on the chart, what those are mapped to, and which of them are valid.
+// Back-projected pixels: their chart points, the forward map there, and which of them are valid.
 template <class T>
 struct Undone {
     T x, y;

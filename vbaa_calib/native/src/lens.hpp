@@ -31,7 +31,7 @@ struct Model {
     int parameters() const { return 4 + distortions; }
 };
 
-// Of fx, fy, cx, cy and coefficients: parameters (4 + k,).
+// The model of parameters (4 + k,): fx, fy, cx, cy and coefficients.
 Model model_of(bool fisheye, ConstVector parameters);
 
 // The ideal radius r at even steps of ρ/(1 + ρ), over the branch on which the distorted radius ρ grows.
@@ -89,7 +89,8 @@ void chart_of_pixels(const Lens& lens, ConstMatrix pixels, Matrix points, bool* 
 // Unit rays (N, 3) of pixels (N, 2) and validity (N,); NaN where not valid.
 void rays_of_pixels(const Lens& lens, ConstMatrix pixels, Matrix rays, bool* valid);
 
-// And d(ray)/d(u, v) (N, 3, 2), d(ray)/d(fx, fy, cx, cy, *distortion) for a fixed pixel (N, 3, 4 + k).
+// The same with derivatives: d(ray)/d(u, v) (N, 3, 2), d(ray)/d(fx, fy, cx, cy, *distortion) for a fixed pixel (N, 3,
+// 4 + k).
 void rays_with_slopes(const Lens& lens, ConstMatrix pixels, Matrix rays, Cube by_pixel, Cube by_lens, bool* valid);
 
 // X/Z, Y/Z (N, 2) of pixels (N, 2), d(X/Z, Y/Z)/d(u, v) (N, 4) row by row unless that is empty, and validity (N,); NaN

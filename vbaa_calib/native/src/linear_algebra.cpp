@@ -11,8 +11,8 @@ namespace {
 constexpr double LEAST_DAMPING = 1e-12;  // a direction without information stays where it is
 constexpr int SWEEPS = 12;               // of Jacobi's rotations; 4 × 4 are diagonal to the last digit after five
 
-// Takes what the rows above explain out of row a, in COUNT vectors of columns from `first` on. Two sums take every
-// second row each, since a sum waits for itself.
+// Subtracts the contributions of the rows above from row a, in COUNT vectors of columns from `first` on. Two sums
+// take every second row each, since a sum waits for itself.
 template <int COUNT>
 void eliminate(Matrix factor, int a, int first) {
     const int wide = factor.shape[1];

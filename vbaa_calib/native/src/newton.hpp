@@ -32,7 +32,7 @@ double largest(const std::array<std::array<double, COLUMNS>, ROWS>& matrix) {
     return size;
 }
 
-// Gauss with pivots, in place of `right`; false where the matrix is singular or not finite.
+// Gaussian elimination with pivots, in place of `right`; false where the matrix is singular or not finite.
 template <int N, int K>
 bool eliminate(Small<N, N> matrix, Small<N, K>& right) {
     const double least = 1e-14 * largest(matrix);

@@ -45,7 +45,7 @@ struct NodeTables {
     Weights<OUTER_NODES, (NODE_ROWS - INNER_ROWS) * LANES> by_outer_node;
 };
 
-// Worked out once.
+// The tables, computed once.
 const NodeTables& node_tables();
 
 // Share of the way from clamp to contact at which a node of the curve lies, or of that from there to the tip.

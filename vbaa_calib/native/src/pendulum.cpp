@@ -7,7 +7,7 @@ namespace vbaa::antenna {
 
 namespace {
 
-// Of the series for full precision up to its largest load.
+// Number of terms of the series for full precision up to its largest load.
 constexpr int TERMS = 40;
 constexpr double SERIES_RADIUS = 6.875185818020372;  // in v^2: 2 K(1/2)^2
 

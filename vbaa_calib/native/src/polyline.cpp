@@ -8,7 +8,7 @@ namespace {
 
 // A number of spacings this near to a whole one is that one.
 constexpr double WHOLE = 1e-6;
-// So many points no path has.
+// Largest number of points of a path.
 constexpr double MOST = 1e6;
 
 double length(double u, double v) { return std::sqrt(u * u + v * v); }

@@ -21,7 +21,7 @@ struct Pressed {
     bool dead;
 };
 
-// Where LANES shapes go, as in bend_lanes.
+// Outputs for LANES shapes, as in bend_lanes.
 struct Made {
     Cube points_m, tangents;
     Matrix force_N;
@@ -252,8 +252,8 @@ struct Lateral {
 Lateral operator+(Lateral a, Lateral b) { return {a.y + b.y, a.z + b.z}; }
 Lateral operator*(Lanes factor, Lateral a) { return {factor * a.y, factor * a.z}; }
 
-// What a unit push at the contact, and a unit weight per length at the clamp, make of a clamp's unit stiffness at arc
-// lengths.
+// Deflection of a clamp of unit stiffness at arc lengths, by a unit push at the contact and by a unit weight per
+// length at the clamp.
 struct Unit {
     Lanes by_push, slope_by_push, by_weight, slope_by_weight;
 };

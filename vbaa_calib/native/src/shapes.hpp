@@ -53,7 +53,7 @@ struct Bent {
     Array<double, 1> moment_Nm;
 };
 
-// The upper rungs take so many sweeps.
+// Shapes of B antennas by a rung of the ladder; sweeps: for the upper rungs.
 Bent bend_batch(int rung, int sweeps, const Presses& presses);
 
 }  // namespace vbaa::antenna

@@ -40,7 +40,7 @@ template <class Soft>
     return {cross(turn, d1), cross(turn, d2), cross(internal, d1)};
 }
 
-// Where Runge and Kutta's four rates lead.
+// The end of a Runge–Kutta step, from its four rates.
 [[gnu::always_inline]] inline Vectors mean(const Vectors& start, Lanes step, const Vectors& k1, const Vectors& k2,
                                            const Vectors& k3, const Vectors& k4) {
     return start + step / 6 * (k1 + 2.0 * (k2 + k3) + k4);
@@ -176,7 +176,7 @@ Lanes diameter_at(const Rod& rod, const Lanes& arclength_m) {
 
 namespace {
 
-// From the tip, of a supposed turn from the clamp, back.
+// Integrates back from the tip, with a trial rotation of the tip relative to the clamp.
 Shots shoot_back(const Rod& rod, const RodLoads& loads, Vectors turn, int steps, double* nodes) {
     const Lanes length = spread(rod.length_m);
     const auto at_tip = loads.contact_m >= length;

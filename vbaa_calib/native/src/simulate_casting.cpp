@@ -72,7 +72,7 @@ Hit room_at(const Body& body, const Point& offset) {
     return found;
 }
 
-// A body of which only the distance is known.
+// Hit of a ray on a body with a known distance function, by sphere tracing.
 Hit march(const Body& body, const Point& start, const Point& ray) {
     double length = norm(ray), reach = 1.01 * body.reach_m;
     Point way = 1.0 / length * ray;

@@ -33,7 +33,7 @@ Surface from_box(const Point& offset, const Point& one, const Point& other, doub
     return grown(std::min(depth, 0.0) * one + std::min(deep, 0.0) * other, radius_m);
 }
 
-// From all but a free form.
+// Distance from any object but a free form.
 [[gnu::always_inline]] inline Surface from_core(const Object& object, Point offset) {
     if (object.kind == BOX) return from_box(offset, object.into_faces[0], object.into_faces[1], object.radius_m);
     if (object.kind == CYLINDER || object.kind == KNIFE) offset = offset - dot(offset, object.axis) * object.axis;

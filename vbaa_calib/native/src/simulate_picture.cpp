@@ -12,7 +12,7 @@ constexpr double AMBIENT = 0.45;
 // Pixels farther than this from the tube's edge, or samples so far outside of the picture, are of no account.
 constexpr double ROOM_PX = 2.5, BEYOND_PX = 50.0;
 
-// Of the antenna, in the picture.
+// A sample of the antenna's tube in the picture.
 struct Sample {
     double u, v, tangent_u, tangent_v, normal_u, normal_v, half_width;
 };

@@ -15,7 +15,7 @@ void check_bounds(View<const std::int64_t, 1> bounds, int count) {
     for (int i = 1; i < bounds.shape[0]; ++i) require(bounds[i] >= bounds[i - 1], "bounds increase");
 }
 
-// Of `lens.bundle.Corners`.
+// The core's corners from `lens.bundle.Corners`.
 bundle::Corners corners_of(nb::handle object) {
     const bundle::Corners found = {
         attribute<const double, 2>(object, "points_m"), attribute<const double, 3>(object, "deformation"),
@@ -29,7 +29,7 @@ bundle::Corners corners_of(nb::handle object) {
     return found;
 }
 
-// Of `lens.bundle.Priors`.
+// The core's priors from `lens.bundle.Priors`.
 bundle::Priors priors_of(nb::handle object) {
     const bundle::Priors found = {attribute<const double, 1>(object, "mean"),
                                   attribute<const double, 1>(object, "std"),
@@ -43,7 +43,7 @@ bundle::Priors priors_of(nb::handle object) {
     return found;
 }
 
-// Of `lens.bundle.State`.
+// The core's state from `lens.bundle.State`.
 bundle::State state_of(nb::handle object, const bundle::Corners& corners) {
     bundle::State state;
     state.fisheye = number<bool>(object, "fisheye");

@@ -27,7 +27,7 @@ auto project(const Lens& lens, InMatrix points, bool with_slopes) {
     return std::make_tuple(pixels, valid, by_point, by_lens);
 }
 
-// What a map makes of pixels (N, 2): WIDTH numbers each, and validity.
+// Results of a map of pixels (N, 2): WIDTH numbers each, and validity.
 template <void (*MAP)(const Lens&, ConstMatrix, Matrix, bool*), int WIDTH>
 auto of_pixels(const Lens& lens, InMatrix pixels) {
     check_last(pixels, 2, PIXELS);

@@ -15,12 +15,13 @@ namespace vbaa {
 
 namespace nb = nanobind;
 
-// Refuse what would be read or written outside its memory.
+// Raise ValueError for what would be accessed outside its memory.
 inline void require(bool holds, const char* rule) {
     if (!holds) throw nb::value_error(rule);
 }
 
-// One to write into is taken as it is or not at all (TypeError): what is written into a converted copy would be lost.
+// An array to write into is taken as it is or refused (TypeError), because results written into a converted copy
+// would be lost.
 template <class T, int N>
 struct Numpy : nb::ndarray<nb::numpy, T, nb::ndim<N>, nb::c_contig, nb::device::cpu> {
     using Base = nb::ndarray<nb::numpy, T, nb::ndim<N>, nb::c_contig, nb::device::cpu>;
@@ -47,7 +48,7 @@ using OutVector = Numpy<double, 1>;
 using OutMatrix = Numpy<double, 2>;
 using OutCube = Numpy<double, 3>;
 
-// A window on an array that Python keeps.
+// A view of an array that Python owns.
 template <class... Kind>
 auto view(const nb::ndarray<Kind...>& array) {
     using Found = nb::ndarray<Kind...>;
@@ -58,7 +59,7 @@ auto view(const nb::ndarray<Kind...>& array) {
     return found;
 }
 
-// The same of an attribute of a Python object, such as a named tuple or a dataclass of arrays, which has to keep it.
+// A view of an array attribute of a Python object, such as a named tuple or a dataclass, which owns it.
 template <class T, int N>
 View<T, N> attribute(nb::handle object, const char* name) {
     constexpr int asked = PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | (std::is_const_v<T> ? 0 : PyBUF_WRITABLE);
@@ -89,7 +90,7 @@ T number(nb::handle object, const char* name) {
     return found;
 }
 
-// What some work gives, without the interpreter's lock.
+// The result of some work, done without the interpreter's lock.
 template <class Work>
 auto unlocked(const Work& work) {
     const nb::gil_scoped_release release;

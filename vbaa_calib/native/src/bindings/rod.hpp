@@ -1,4 +1,4 @@
-// What the antenna's and the simulator's bindings have in common.
+// Conversions that the bindings of antenna and simulator share.
 #pragma once
 
 #include <nanobind/stl/tuple.h>
@@ -16,7 +16,7 @@ To read_from(const Numpy<const double, N>& values) {
     return read<To>(values.data());
 }
 
-// Of pieces as vbaa_calib.antenna.taper gives them.
+// The taper from pieces, see vbaa_calib.antenna.taper.
 inline antenna::Taper read_taper(ConstMatrix pieces) {
     require(antenna::sound_taper(pieces), "a taper is of pieces (P, 7), see taper.hpp");
     return antenna::taper_of(pieces);

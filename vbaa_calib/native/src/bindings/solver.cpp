@@ -40,7 +40,7 @@ void read_numbers(nb::handle object, const char* name, T& target, More&&... more
     if constexpr (sizeof...(more) > 0) read_numbers(object, more...);
 }
 
-// Arrays of fields into places for as many, by name.
+// Assign arrays of fields, by name, to as many views.
 template <class T, class... More>
 void read_copies(nb::handle object, const char* name, T& target, More&&... more) {
     nb::ndarray<const double, nb::c_contig, nb::device::cpu> values;
@@ -61,7 +61,7 @@ solver::Camera camera_of(nb::handle object, int pose_at, int lens_at) {
     return camera;
 }
 
-// `cameras` keeps the lenses.
+// The core's rig from `RigArrays`; `cameras` keeps its lenses alive.
 Rig rig_of(nb::handle object, const nb::tuple& cameras) {
     Rig rig = {};
     require(cameras.size() > 0, "a rig has a camera");
