@@ -290,8 +290,8 @@ class RecordingProblem:
 
 
 def _trust(taken: Batch, found: LinearisedFrames) -> np.ndarray:
-    """(B, 2) as `Equations.trust`, for one camera: excess of its points' scatter over noise, and whether the end
-    lies where the antenna's may be."""
+    """(B, 2) weights `Equations.trust` for one camera: of its points, below 1 where they scatter more than noise
+    does; and of the antenna's end, 1 where that can be the antenna's, else 0."""
     points = np.maximum(np.isfinite(taken.points_px).all(axis=-1).sum(axis=1), 1)
     scatter = np.where(points > 1, found.excess, 1.0)  # a camera that saw nothing has none
     more = scatter > 1.0 + core.solver.EXCESS_SCATTER / np.sqrt(points)

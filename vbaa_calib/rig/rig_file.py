@@ -122,7 +122,8 @@ _PerChannel = Annotated[list[Annotated[Number, Field(ge=-1e9, le=1e9)]], Field(m
 
 @dataclass(frozen=True, eq=False)
 class _FileWrenchSensor:
-    """A sensor of wrench components other than the moment about y; one number for each of components, in N or N·m."""
+    """A sensor of wrench components other than the moment about y; gain, offset and std have one number for each
+    entry of `components`, in N or N·m."""
 
     components: Annotated[list[Literal["mz", "mx", "fx", "fy", "fz"]], Field(min_length=1, max_length=5)]
     gain: _PerChannel
