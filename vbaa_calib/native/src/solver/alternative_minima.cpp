@@ -21,10 +21,10 @@ constexpr double MIRRORED[] = {-2.0, -1.0};
 constexpr double LARGE_DEFLECTIONS[] = {0.1, 0.3, -0.1, -0.3};
 // Largest error of a point: parts of the antenna's length, σ of its own, and of the rig's errors there.
 constexpr double OF_LENGTH = 0.005, OF_NOISE = 30.0, OF_RIG = 6.0;
-// So many points are near the antenna by chance at most, or where it cannot reach by mistake.
+// Largest shares of a frame's points that lie near the antenna by chance, or out of its reach by mistake.
 constexpr double NEAR = 0.4, BEYOND = 0.15;
-// A search for whatever is near begins at every sixth distance of the grid; iterations of each; how many of them go on,
-// and for how many more.
+// The search for the nearest shape starts at every sixth distance of the grid; iterations of each start; how many of
+// them continue, and for how many more.
 constexpr int APART = 6, FIRST = 5, GO_ON = 3, MORE = 15;
 // Moments that differ by fewer σ do not distinguish a contact from its mirror image.
 constexpr double DISTINGUISHABLE = 5.0;

@@ -18,7 +18,7 @@ struct Few {
     int rung;
 };
 
-// The rough minimum that unknowns lead to, with feet near the right ones, if known; whether there is one.
+// The rough minimum reached from unknowns, with feet near the right ones if known; false without one.
 bool rough_minimum(const Rig& rig, const Few& few, const Unknowns& start, bool with_feet, Fit& rough);
 
 // Fits a frame from another start, and from a rough fit if that is there: the better fit is kept, the next best
@@ -26,30 +26,27 @@ bool rough_minimum(const Rig& rig, const Few& few, const Unknowns& start, bool w
 void try_start(const Rig& rig, const Frame& frame, int rung, const Unknowns& start, const Fit* rough, Fit& best,
                Alternative& other, Work& work);
 
-// Whether unknowns are those of different contacts.
+// Whether two sets of unknowns are different contacts.
 bool different(const Unknowns& first, const Unknowns& second);
 
 // Distance, in the ideal picture, that most of every n-th point have at least from the fit's curve, which is displaced
 // along its normals (M,); beyond its ends from them.
 double most_distance(const Rig& rig, const Frame& frame, const Fit& fit, int every, ConstVector shift);
 
-// How much further from the clamp than the antenna is long the rays of many of the points pass it at least, in the
-// ideal picture.
+// Smallest distance, in the ideal picture, by which the rays of many of the points pass beyond the antenna's reach.
 double beyond_reach(const Rig& rig, const Frame& frame);
 
-// Distance in the ideal picture by which noise, rig and rung may put points of the antenna off a rough fit of it, and
-// the same in the points' σ.
+// Largest distance, in the ideal picture, of the antenna's points from a rough fit by noise, rig and rung, and the
+// same in the points' σ.
 struct LargestError {
     double far, scatter;
 };
 LargestError largest_error(const Rig& rig, const Fit& free, int every);
 
-// How near any contact brings the antenna to most of a frame's points, in the ideal picture; less than `far` is near
-// enough. Leaves the unknowns in `nearest`.
-//
-// The search takes a few of the points, which scatter so many times more than their noise, and the rig as if it were
-// exactly known: a tenth of a fit's work for each iteration. From the initial unknowns it uses the readings, then the
-// picture alone; the best of the starts go on.
+// Distance, in the ideal picture, of most of a frame's points from the nearest antenna of any contact; the search
+// ends below `far`. Leaves the unknowns in `nearest`. It uses a few of the points, with `scatter` times their noise,
+// and the rig as exactly known: a tenth of a fit's work for each iteration. From the initial unknowns it uses the
+// readings, then the picture alone; the best of the starts continue.
 double nearest_shape(const Rig& exact, Frame frame, const Grid& grid, const Unknowns& start, LargestError error,
                      Unknowns& nearest);
 

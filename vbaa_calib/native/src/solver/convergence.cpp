@@ -13,12 +13,12 @@ namespace vbaa::solver {
 namespace {
 
 constexpr int ITERATIONS = 40;
-// A step that promises to lower the cost by less is the last, and taken as the linear problem has it: a hundredth of a
-// standard deviation, or one.
+// A step with a smaller predicted decrease of the cost is the last one, and taken undamped: a hundredth of a standard
+// deviation, or one.
 constexpr double TOLERANCE = 1e-4, COARSE_TOLERANCE = 1.0;
 // Change of the distance or the tip's deflection, in antenna lengths, after which the rig's derivatives are renewed.
 constexpr double FAR = 0.02;
-// A rise of the cost by less is none: it is no better known while the feet are not yet the nearest.
+// A smaller rise of the cost counts as none: it is not known better while the feet are not yet the nearest.
 constexpr double COST_NOISE = 1e-3;
 // Least damping, on a unit diagonal, after a step that was poorly predicted.
 constexpr double DAMPING = 1e-3;
@@ -36,7 +36,7 @@ constexpr double SCATTER_CHANGE = 0.1;
 // Evaluations for each search while most points lie far off every fit so far.
 constexpr int MOST_HOPELESS = 60;
 
-// Residuals and normal equations again, of the same prediction.
+// Recomputes residuals and normal equations at the same prediction.
 void renew(const Rig& rig, const Frame& frame, Fit& fit, Work& work) {
     linearise(rig, frame, fit, work);
     normal_equations(rig, fit, 0, work.product);
@@ -67,7 +67,7 @@ double lever_of(const Rig& rig, double distance, double force_y, double force_z,
     return distance * std::min(std::max(1.0 - std::tan(rig.friction_rad * friction) * load / 6.0, 0.2), 5.0);
 }
 
-// Levenberg–Marquardt's step (K,) from a fit, into `work.step`; gives by how much it promises to lower the cost.
+// Levenberg–Marquardt's step (K,) from a fit, into `work.step`; returns the predicted decrease of the cost.
 double damped_step(const Rig& rig, const Fit& fit, double damping, Work& work) {
     const int size = fit.size;
     const double distance = fit.unknowns[0];
@@ -210,7 +210,7 @@ double scatter_of(const Rig& rig, const Frame& frame, const Fit& fit) {
     return median > largest ? std::min(median, MOST_SCATTER) : 1.0;
 }
 
-// The fit, its distance fixed at the tip if the data cannot tell it from there.
+// Fixes the fit's distance at the tip where the data cannot distinguish it from there.
 void try_tip(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work) {
     Fit& free = work.other;
     free = fit;

@@ -13,7 +13,7 @@ namespace {
 // Weight of the other coordinate when points are put in order: it separates points of one column.
 constexpr double SLIGHTLY = 1e-6;
 
-// Room for a frame's points, what fills the rows repeats the last one.
+// Space for a frame's points; padding repeats the last one.
 template <class Row>
 void put_points(Frame& frame, int count, Row&& row_of) {
     frame.count = count;

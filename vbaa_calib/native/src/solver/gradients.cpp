@@ -15,8 +15,8 @@ constexpr int ROUNDS = 8;              // of the rig's steps at a known contact
 constexpr double GRAVITY_STEP = 1e-2;  // m/s²
 static_assert(RESULTS <= LANES);
 
-// What changes of the prediction with C quantities: along the normals (M, C′), readings in σ (READINGS, C′), contact
-// point and force (6, C′), C′ being C rounded up to whole vectors.
+// Derivatives of the prediction by C quantities: along the normals (M, C′), of readings in σ (READINGS, C′), of
+// contact point and force (6, C′), C′ being C rounded up to whole vectors.
 struct Changes {
     Array<double, 2> shift, reading, touch;
 
@@ -39,7 +39,7 @@ void solve_rig_steps(const Rig& rig, const Frame& frame, Fit& fit, Work& work) {
     normal_equations(rig, fit, 0, work.product);
 }
 
-// How the results go with the right side of the normal equations, (K, LANES).
+// Derivatives of the results by the right side of the normal equations, (K, LANES).
 Array<double, 2> responses(const Rig& rig, const Fit& fit, bool at_tip, Work& work) {
     const int first = at_tip ? 1 : 0, size = fit.size - first;
     Array<double, 2> sides(size, LANES), found(fit.size, LANES);
@@ -53,7 +53,7 @@ Array<double, 2> responses(const Rig& rig, const Fit& fit, bool at_tip, Work& wo
     return found;
 }
 
-// Derivatives (7, C) of the results by quantities that the prediction changes with.
+// Derivatives (7, C) of the results by quantities, from the prediction's derivatives by these.
 void by_changes(const Fit& fit, ConstMatrix response, const Changes& changes, Matrix found) {
     Array<double, 2> weighted(fit.nodes, changes.shift.shape[1]);
     times_tridiagonal(fit, changes.shift, weighted);
@@ -69,7 +69,7 @@ void by_changes(const Fit& fit, ConstMatrix response, const Changes& changes, Ma
     }
 }
 
-// By the ideal points (7, N, 2), zeros for missing ones.
+// Derivatives by the ideal points (7, N, 2), zeros for missing ones.
 void by_points(const Fit& fit, ConstMatrix response, ConstVector usable, Cube found) {
     Array<double, 2> along(fit.nodes, LANES);
     for (int j = 0; j < fit.nodes; ++j) {
@@ -96,7 +96,7 @@ void by_points(const Fit& fit, ConstMatrix response, ConstVector usable, Cube fo
     }
 }
 
-// What the rig's parameters change.
+// Derivatives of the prediction by the rig's parameters.
 Changes changes_by_rig(const Rig& rig, const Frame& frame, const Bent& bent) {
     const int count = rig.axes.shape[0];
     Changes changes(rig.nodes(), count);
@@ -108,7 +108,7 @@ Changes changes_by_rig(const Rig& rig, const Frame& frame, const Bent& bent) {
     return changes;
 }
 
-// What gravity along each axis of the antenna frame changes.
+// Derivatives of the prediction by gravity along each axis of the antenna frame.
 Changes changes_by_gravity(const Rig& rig, const Frame& frame, int rung, const Fit& fit, Bent& bent) {
     Changes changes(fit.nodes, 3);
     const TipAxis end = fitted_tip_axis(rig, frame, fit);

@@ -1,4 +1,4 @@
-// How contacts follow what was measured and the rig: the implicit function theorem at the minimum of each fit.
+// Derivatives of contacts by the measurements and the rig: the implicit function theorem at the minimum of each fit.
 #pragma once
 
 #include "solver/frames.hpp"

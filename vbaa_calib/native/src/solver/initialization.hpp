@@ -17,7 +17,7 @@ Array<double, 2> unit_deflections(const antenna::Taper& taper);
 // The best force at each distance of the grid, from every n-th of the points' residuals from the free antenna.
 Grid grid_search(const Rig& rig, const Frame& frame, Fit& free, int every, Work& work);
 
-// The most that any force of the grid explains.
+// The largest decrease of the cost by any force of the grid.
 double largest_gain(const Grid& grid);
 
 // Reduce the force of a start that is too large to be one for large deflections.

@@ -13,7 +13,7 @@
 namespace vbaa::solver {
 namespace {
 
-// Minima are searched with about so many of a frame's points.
+// Approximate number of a frame's points with which minima are searched.
 constexpr int COARSE_POINTS = 64;
 // A larger scatter, or a friction angle of more σ, is a reason to search elsewhere.
 constexpr double LOST_SCATTER = 2.0, LOST_FRICTION = 2.5;
@@ -25,7 +25,7 @@ constexpr double SIGNIFICANT_FORCE = 3.0;
 // A minimum that costs this many times the lowest one, and this much more, is dropped.
 constexpr double HOPELESS = 50.0, HOPELESS_FACTOR = 4.0;
 
-// One frame on its way: what is searched with, and rough minima, lowest first, their costs infinite where there is
+// State of the search for one frame: its inputs, and rough minima, lowest first, with infinite cost where there is
 // none.
 struct Search {
     const Rig &rig, &exact;
@@ -67,7 +67,7 @@ void coarse_minima(Search& search) {
     }
 }
 
-// Room for frames of so many points and a rig, which most have in common with the one before.
+// Memory for a frame's search, reused for the next one where sizes agree, as most do.
 class Room {
   public:
     Work& of(const Rig& rig, int points) {
@@ -119,8 +119,8 @@ Search begun(const Rig& rig, const Rig& exact, const Frame& frame, int rung, con
     return search;
 }
 
-// Of a frame that no contact comes near to, how far many points stay from the nearest antenna, with its unknowns in
-// `nearest`; else NaN.
+// For a frame that no contact comes near to, the distance of most points from the nearest antenna, with its unknowns
+// in `nearest`; else NaN.
 double left_over(const Search& search, Unknowns& nearest) {
     const Rig& rig = search.rig;
     const Fit& free = search.work.free;
@@ -231,7 +231,7 @@ Fit& with_right_shapes(const Search& search, int rung) {
     return work.found;
 }
 
-// What rungs leave out: their bias, and which is the lowest that is good enough.
+// Bias of each rung, and the lowest rung that is good enough.
 void judge_rungs(const Search& search, int model, const Fit& problem, const Uncertainty& found, Findings& findings) {
     if (model == REFERENCE) return;
     double bias[REFERENCE + 1];

@@ -17,14 +17,14 @@ namespace {
 
 constexpr MarginalSettings settings;
 
-// What is known where the force along the line of sight has one value.
+// Laplace's approximation at one value of the force along the line of sight.
 struct Slice {
     double along, log_density;
     Unknowns unknowns;
     double covariance[UNKNOWNS][UNKNOWNS], touch[6], touch_covariance[6][6];
 };
 
-// Adds what fixes the force along the line of sight, and pulls it to a value; gives its weight.
+// Adds a term that fixes the force along the line of sight at a value; returns its weight.
 double fix(const Rig& rig, const Frame& frame, double along, Fit& fit) {
     const double weight = settings.fixed_weight * (fit.information(1, 1) + fit.information(2, 2));
     const double pull = weight * (along - along_sight(rig, frame, fit.unknowns));
@@ -48,7 +48,7 @@ void fixed_step(const Fit& fit, Work& work) {
     solve_factorised(work.factor, work.scale, fit.size - 1, &fit.side[1], step + 1);
 }
 
-// The best fit with a force along the line of sight, from one near it; whether there is one.
+// The best fit with a fixed force along the line of sight, from one near it; false without one.
 bool reach(const Rig& rig, const Frame& frame, int rung, double along, double tolerance, Fit& fit, Work& work) {
     for (int round = 0; round < settings.most_rounds; ++round) {
         const double before = fit.cost;

@@ -32,7 +32,7 @@ double huber_loss(double residual) {
     return inner * (size - 0.5 * inner);
 }
 
-// Take a displacement (M,) of the curve out of the points' distances.
+// Subtracts a displacement (M,) of the curve from the points' distances.
 void take_out(Fit& fit, ConstVector shift) {
     double* distance = fit.distance.begin();
     for (int i = 0; i < fit.points; i += LANES) {
