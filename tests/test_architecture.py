@@ -37,7 +37,7 @@ MOST = {
     "public names": 1122,
     "private words": 53,
     "type: ignore": 4,
-    "words on pages": 29995,
+    "words on pages": 29970,
 }
 """What there may be of each. A number only goes down: a change that needs fewer lowers it."""
 
