@@ -38,6 +38,7 @@ class Tree:
     def started(self, *words: str, **how: Any) -> subprocess.Popen[str]:
         """Its interpreter, with numerical libraries on one thread: threads are what a job asks for."""
         environment = os.environ | dict.fromkeys(_THREADS, "1") | {"PYTHONPATH": str(self.folder)}
+        environment.pop("PYTHONDONTWRITEBYTECODE", None)  # who has installed it has its modules compiled
         return subprocess.Popen([self.python, "-P", *words], env=environment, text=True, **how)
 
     def run(self, *words: str) -> dict[str, float]:
