@@ -81,7 +81,7 @@ def frames_from_pixels(
     reading, available = np.zeros((2, count, len(rig_arrays.std)))
     reading[:, slots], available[:, slots] = np.where(read, own, 0.0), read
     tip, tip_covariance = np.zeros((count, 2)), np.tile([1.0, 0.0, 1.0], (count, 1))
-    for index in range(0 if rig_arrays.rig.tip is None else several):
+    for index in range(0 if rig_arrays.rig.tip is None or np.isnan(tip_px[:, 2]).all() else several):
         (rows,) = np.nonzero(of_tip == index)
         ends = np.arange(several) >= index
         seen = _ideal(rig_arrays, tip_px[rows, None, :2], tip_px[rows, None, 2], ends)

@@ -196,10 +196,11 @@ solver::Limits limits_of(nb::handle object) {
 
 // Statuses and what was noticed of fits.
 struct JudgedRows {
-    Numpy<std::int64_t, 1> status, noticed;
+    Numpy<std::int64_t, 1> status;
+    Numpy<std::uint64_t, 1> noticed;
 
     JudgedRows(nb::handle limits, const solver::Numbers& numbers, int count)
-        : status(room<std::int64_t>(count)), noticed(room<std::int64_t>(count)) {
+        : status(room<std::int64_t>(count)), noticed(room<std::uint64_t>(count)) {
         for (std::int64_t rung : numbers.rung) require(0 <= rung && rung <= solver::REFERENCE, "no such rung");
         solver::judge(numbers, limits_of(limits), {view(status), view(noticed)});
     }

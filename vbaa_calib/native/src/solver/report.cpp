@@ -61,7 +61,7 @@ bool out_of_ordinary(const Numbers& n, int b, const Limits& limits) {
     return noticed;
 }
 
-std::int64_t noticed_of(const Numbers& n, int b, const Limits& limits) {
+std::uint64_t noticed_of(const Numbers& n, int b, const Limits& limits) {
     const double friction = std::abs(n.unknowns(b, UNKNOWNS - 1)), bias = n.bias(b, static_cast<int>(n.rung[b]));
     const double least = n.unknowns(b, 0) - (n.marginal[b] ? n.std(b, 0) : 0.0);
     const bool mirrored = n.ambiguous[b] && (n.marginal[b] || !any_reading(n, b));
@@ -70,8 +70,8 @@ std::int64_t noticed_of(const Numbers& n, int b, const Limits& limits) {
     // without a reading a steep bend along the line of sight fits almost anything, if not quite
     const bool blind = mirrored && (n.scatter[b] > 1.0 || friction > limits.steepest_blind);
     const bool wrong = !n.converged[b] || n.scatter[b] > WRONG_SHAPE || blind;
-    std::int64_t found = 0;
-    const auto note = [&](Noticed one, bool is) { found |= is ? static_cast<std::int64_t>(one) : 0; };
+    std::uint64_t found = 0;
+    const auto note = [&](Noticed one, bool is) { found |= is ? static_cast<std::uint64_t>(one) : 0; };
     note(MIRRORED, mirrored);
     note(AT_CLAMP, at_clamp);
     note(TOO_STEEP, too_steep);
@@ -83,9 +83,9 @@ std::int64_t noticed_of(const Numbers& n, int b, const Limits& limits) {
     return found;
 }
 
-Status status_of(const Numbers& n, int b, const Limits& limits, std::int64_t noticed) {
+Status status_of(const Numbers& n, int b, const Limits& limits, std::uint64_t noticed) {
     const double std = n.std(b, 0), relative = limits.low_signal_relative * n.unknowns(b, 0);
-    const bool uncertain = !(std < limits.low_signal && std < relative), mirrored = noticed & MIRRORED;
+    const bool uncertain = !(std < limits.low_signal && std < relative), mirrored = (noticed & MIRRORED) != 0;
     // a fit that stopped somewhere says nothing about whether there is a contact
     const bool stopped = !n.converged[b] && n.scatter[b] > WRONG_SHAPE;
     if (n.points[b] < limits.fewest_points) return Status::NO_ANTENNA;
@@ -93,9 +93,9 @@ Status status_of(const Numbers& n, int b, const Limits& limits, std::int64_t not
     if (!(n.evidence[b] >= limits.contact_evidence) && !stopped) return Status::NO_CONTACT;
     if (n.edge_on_rad[b] < limits.edge_on_rad && (uncertain || !n.converged[b])) return Status::UNOBSERVABLE;
     if (mirrored && n.edge_on_rad[b] < limits.edge_on_blind_rad) return Status::UNOBSERVABLE;
-    if (noticed & (UNEXPLAINED | MODEL_TOO_LOW)) return Status::FAILED;
+    if ((noticed & UNEXPLAINED) != 0 || (noticed & MODEL_TOO_LOW) != 0) return Status::FAILED;
     if (uncertain && std::isfinite(std)) return Status::LOW;
-    if (uncertain || (noticed & FORCE_UNKNOWN) || is_ambiguous(n, b, limits)) return Status::UNOBSERVABLE;
+    if (uncertain || (noticed & FORCE_UNKNOWN) != 0 || is_ambiguous(n, b, limits)) return Status::UNOBSERVABLE;
     if (disagreement(n, b) > limits.contradiction) return Status::FAILED;
     return n.at_tip[b] ? Status::AT_TIP : Status::OK;
 }

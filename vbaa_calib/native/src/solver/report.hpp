@@ -11,7 +11,7 @@ namespace vbaa::solver {
 enum class Status : std::int64_t { NO_ANTENNA, FAILED, NO_CONTACT, UNOBSERVABLE, LOW, AT_TIP, OK };
 
 // What was noticed of a fit, one bit each.
-enum Noticed : std::int64_t {
+enum Noticed : std::uint64_t {
     MIRRORED = 1,          // vision is alone, and only perspective separates the contact from its mirror image
     AT_CLAMP = 2,          // it lies at the least distance that is searched
     TOO_STEEP = 4,         // friction cannot be as large
@@ -33,7 +33,8 @@ struct Limits {
 // Statuses (B,) as Status: the first that applies, from what makes all else meaningless to what can be trusted; and
 // what was noticed (B,).
 struct Judged {
-    View<std::int64_t, 1> status, noticed;
+    View<std::int64_t, 1> status;
+    View<std::uint64_t, 1> noticed;
 };
 void judge(const Numbers& numbers, const Limits& limits, const Judged& found);
 
