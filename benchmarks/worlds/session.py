@@ -165,13 +165,14 @@ def _statics(
     """Rows of free antennas or loads, numbered from `first`; writes their pictures. rngs : of the pictures, and
     of what is typed."""
     world, (rng, typed) = take.world, rngs
-    found, name = list[dict[str, Any]](), folder.name
+    found, scales, name = list[dict[str, Any]](), dict[str, float](), folder.name
     for index, (shot, bent) in enumerate(zip(shots, bent_of(world, shots, True), strict=True), first):
         row: dict[str, Any] = {"image": f"{name}_{index:02d}{world.sensor.suffix}", **_readings(world, shot, bent, rng)}
         if name == "loads":
-            # nobody misreads a ruler by four of its deviations
+            # nobody misreads a ruler by four of its deviations; what is noted as the same weight is the same
             off = np.array(world.load_std) * typed.normal(size=2).clip(-2.5, 2.5)
-            scale, row["distance_m"] = 1.0 + off[1], float(shot.distance_m + off[0])
+            scale = scales.setdefault(f"{np.hypot(*shot.push_N):.3g}", 1.0 + off[1])
+            row["distance_m"] = float(shot.distance_m + off[0])
             row |= {"force_y_N": float(scale * shot.push_N[0]), "force_z_N": float(scale * shot.push_N[1])}
         found.append(row)
         _write(folder / row["image"], take.antenna(bent, rng, "thread" if name == "loads" and world.thread else ""))
