@@ -76,6 +76,8 @@ class Photographer:
         if load:
             tubes.append(self._touching(bent, load))
         seen = [(to_camera.of(axis), size, paint) for axis, size, paint in tubes]
+        # a thread that is pulled towards the camera passes it
+        seen = [(axis[axis[:, 2] > 0.2 * axis[0, 2]], size, paint) for axis, size, paint in seen]
         for axis, size, paint in sorted(seen, key=lambda one: -float(np.median(np.linalg.norm(one[0], axis=1)))):
             layers.append(Tube.of(world.optics, axis, size, paint))
         return self._taken(layers, rng)
