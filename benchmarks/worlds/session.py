@@ -173,7 +173,7 @@ def _statics(
         if name == "loads":
             # nobody misreads a ruler by four of its deviations; what is noted as the same weight is the same
             off = np.array(world.load_std) * typed.normal(size=2).clip(-2.5, 2.5)
-            scale = scales.setdefault(f"{np.hypot(*shot.push_N):.3g}", 1.0 + off[1])
+            scale = scales.setdefault(f"{(1.0 + off[1]) * np.hypot(*shot.push_N):.3g}", 1.0 + off[1])
             row["distance_m"] = float(shot.distance_m + off[0])
             row |= {"force_y_N": float(scale * shot.push_N[0]), "force_z_N": float(scale * shot.push_N[1])}
         found.append(row)
