@@ -62,9 +62,10 @@ def _last(text: str) -> str:
 
 
 def contacts_of(folder: Path, rig: Path, output: Path) -> tuple[int, str, ContactTable | None]:
-    """Exit code, last words and table of `vbaa estimate`; None where it refuses."""
+    """Exit code, what is wrong or else the last words, and the table of `vbaa estimate`; None where it refuses."""
     code, text = called("estimate", folder, "--rig", rig, "-o", output, "--no-report", "--accept-rig", "--force")
-    return code, _last(text), read_contacts(output) if code < 2 and output.exists() else None
+    words = next((line for line in text.splitlines() if line.startswith("wrong")), _last(text))
+    return code, words, read_contacts(output) if code < 2 and output.exists() else None
 
 
 def judge(table: ContactTable, truth: Truth) -> Judged:
