@@ -79,7 +79,8 @@ def row_errors(
     All points on a row share its error, so that a line along rows keeps it, and one across them has none. reach_px :
     how far from the line pixels are its own.
     """
-    found, evened, step = np.zeros(len(points_px)), None, SearchSettings.row_run
+    found, step = np.zeros(len(points_px)), SearchSettings.row_run
+    evened: np.ndarray | None = None
     if len(points_px) <= step:
         return found, None
     along = points_px[step:] - points_px[:-step]
