@@ -20,6 +20,7 @@ from vbaa_calib.calibrate.antenna.residual_checks import Checks, check
 from vbaa_calib.calibrate.antenna.session_rig import make_rig, observe_stills, prior, read_by, solve_antenna
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens_from_views import solve_lens
+from vbaa_calib.camera import Camera
 from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import Diagnosis, InputError, SolveError, VbaaError, Verdict
 from vbaa_calib.core.images import SUFFIXES, list_images, picture_size
@@ -170,6 +171,28 @@ def _every_camera(session: Session, lens_model: str, given: GivenLens | None) ->
     return replace(Calibration.together(each), session=session)
 
 
+def _mistakes(
+    session: Session, camera: Camera, plane: PlaneC, observations: Sequence[Observation], joint: BundleAdjustment
+) -> list[Diagnosis]:
+    """What is wrong with a session that has a common solution, the likeliest first."""
+    contradicted = plane_contradicted(joint)
+    if contradicted:
+        # a slip of the jig, by the free antenna alone, spoils all that loads and readings could say
+        free = [one for one in observations if not one.loaded]
+        found = jig_causes(session, camera, plane, free)
+        if found and found[0].name.startswith("jig_") and found[0].name != "jig_off":
+            return found
+    mistakes = still_diagnoses(session, plane.kinematics, joint)
+    # the antenna's length is one of the table's hypotheses, and what nothing explained may be the camera's
+    rest = [one for one in mistakes if one.name not in ("antenna_length", "stills_contradict", "load_row_unexplained")]
+    # where the pictures fit no antenna, what is said of loads and clamp is what a wrong plane C makes of them
+    unexplained = any(one.name == "stills_contradict" for one in mistakes)
+    if not contradicted or (any(one.grave for one in rest) and not unexplained):
+        return mistakes
+    found = jig_causes(session, camera, plane, observations)
+    return [*found, *([] if unexplained else rest)] if found else mistakes
+
+
 @gate
 def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | None = None) -> Calibration:
     """Calibrates a rig from a session. All inputs are checked before the long computation.
@@ -222,7 +245,8 @@ def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | Non
             return ()
         plane, observations, before = begun[0]
         # a pose that is wrong spoils all else
-        if found := jig_causes(session, lens.camera, plane):
+        free = [one for one in observations if not one.loaded]
+        if found := jig_causes(session, lens.camera, plane) or jig_causes(session, lens.camera, plane, free):
             raise because(SolveError("camera, antenna and sensor have no common solution"), found, session)
         return failure_causes(session, plane.kinematics, observations, before)
 
@@ -231,12 +255,7 @@ def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | Non
         return next_lenses(lens, lens_views, session.board) if free else ()
 
     used, plane, observations, joint = first_solved(lens, others, solve, causes)
-    mistakes = still_diagnoses(session, plane.kinematics, joint)
-    # the antenna's length is one of the table's hypotheses, and what nothing explained may be the camera's
-    rest = [one for one in mistakes if one.name not in ("antenna_length", "stills_contradict", "load_row_unexplained")]
-    if plane_contradicted(joint) and not any(one.grave for one in rest):
-        found = jig_causes(session, used.camera, plane, observations)
-        mistakes = [*found, *rest] if found else mistakes
+    mistakes = _mistakes(session, used.camera, plane, observations, joint)
     rig = make_rig(session, plane.kinematics, joint, observations)
     made = Calibration(session, rig, used, plane, joint, check(joint), stills, tuple(mistakes), given)
     return replace(made, rig=replace(rig, verdict=Verdict.of(doubts(made))))

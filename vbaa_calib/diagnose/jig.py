@@ -511,8 +511,11 @@ def jig_diagnoses(data: JigEvidence) -> list[Diagnosis]:
 
 
 def plane_contradicted(joint: BundleAdjustment, limits: _JigSettings = _JigSettings()) -> bool:
-    """Whether the camera's pose, the clamp or the antenna's end lie so far from what was reported that a mistake in
-    the jig, or a change since its picture, may explain it: none can gain more than this costs."""
+    """Whether the camera's pose, the clamp or the antenna's end lie so far from the reports that a slip of the jig,
+    or a change since its picture, may explain it: none can gain more than this costs. Where the pictures fit no
+    antenna, they lie too far off their lines to move the pose."""
+    if joint.problem.noise_scale > limits.scattered * limits.correlated:
+        return True
     priors = joint.solution.residuals[len(joint.solution.residuals) - joint.solution.certain :]
     poses = 6 * len(joint.problem.prior.poses)
     of_antenna = poses + len(joint.problem.tips)
