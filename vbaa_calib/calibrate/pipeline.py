@@ -177,11 +177,14 @@ def _mistakes(
     """What is wrong with a session that has a common solution, the likeliest first."""
     contradicted = plane_contradicted(joint)
     if contradicted:
-        # a slip of the jig, by the free antenna alone, spoils all that loads and readings could say
-        free = [one for one in observations if not one.loaded]
-        found = jig_causes(session, camera, plane, free)
-        if found and found[0].name.startswith("jig_") and found[0].name != "jig_off":
+        # what the free antenna alone says of plane C, before what loads and readings seem to say with a wrong one
+        found = jig_causes(session, camera, plane, [one for one in observations if not one.loaded])
+        if found and found[0].name.startswith(("jig_", "pictures_")) and found[0].name != "jig_off":
             return found
+        if found:
+            rest = still_diagnoses(session, plane.kinematics, joint, moved=True)
+            if not any(one.grave for one in rest):
+                return [*found, *rest]
     mistakes = still_diagnoses(session, plane.kinematics, joint)
     # the antenna's length is one of the table's hypotheses, and what nothing explained may be the camera's
     rest = [one for one in mistakes if one.name not in ("antenna_length", "stills_contradict", "load_row_unexplained")]

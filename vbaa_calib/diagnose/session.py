@@ -470,13 +470,13 @@ def _gravity(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
 # ---- antenna and clamp
 
 
-def _changed(which: list[int], kept: np.ndarray) -> Alteration:
+def _changed(which: list[int], kept: np.ndarray, axes: np.ndarray | None = None) -> Alteration:
     """An alteration by which the antenna's parameters `which` differ by the values in the observations where `kept`
     (F,)."""
 
     def alter(problem: Problem, v: np.ndarray) -> Problem:
         changes = np.zeros((len(kept), len(PARAMETERS))) if problem.changes is None else problem.changes.copy()
-        changes[np.ix_(kept, np.array(which))] += v
+        changes[np.ix_(kept, np.array(which))] += v if axes is None else axes @ v
         return replace(problem, changes=changes)
 
     return alter
@@ -488,7 +488,7 @@ def _pair(fit: RigFit, factor: float, unit: str) -> str:
 
 
 def _since(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
-    """Hypotheses of a clamp that slipped, or an antenna that was bent, between two pictures."""
+    """Hypotheses of a clamp that slipped, an antenna that was bent, or a camera that turned, between two pictures."""
     observations = witness.problem.observations
     times = [one.still.time_s for one in observations]
     order = list(range(len(times)))
@@ -506,19 +506,26 @@ def _since(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
             *("the antenna is bent by {} more than before,", (1.0, " per m about"), straight),
         ),
     )
+    # a camera that turns about its centre looks like a clamp that turns about it the other way
+    x, y, z = witness.problem.prior.start.translation_m
+    turns = np.array([[-z, 0.0, x], [y, -x, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
+    clamp = [0, 1, 2, 3]
     ends = np.cumsum([0, *map(len, witness.problem.seen_at_lens)])
     tips = witness.problem.tips
     for split in range(1, len(order)):
         later = np.zeros(len(order), bool)
         later[order[split:]] = True
 
-        def slopes(jacobian: np.ndarray, which: list[int], later: np.ndarray = later) -> np.ndarray:
+        def slopes(
+            jacobian: np.ndarray, which: list[int], turns: np.ndarray | None = None, later: np.ndarray = later
+        ) -> np.ndarray:
             rows = np.zeros(len(jacobian), bool)
             for index in np.flatnonzero(later).tolist():
                 rows[ends[index] : ends[index + 1]] = True
             first = ends[-1] + 6 * len(witness.problem.prior.poses)
             rows[first : first + len(tips)] = later[tips]
-            return np.where(rows[:, None], jacobian[:, [6 + each for each in which]], 0.0)
+            found = np.where(rows[:, None], jacobian[:, [6 + each for each in which]], 0.0)
+            return found if turns is None else found @ turns
 
         since = f"from {name_of(observations, order[split])} on"
         for name, which, std, words, unit, remedy in kinds:
@@ -535,6 +542,15 @@ def _since(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
             alter = _changed(which, later)
             by = partial(slopes, which=which)
             yield _Mistake(alter, says, (std, std), s.mistake - less, slopes=by)
+
+        def turned(fit: RigFit, since: str = since) -> Diagnosis:
+            size, std = np.degrees([np.linalg.norm(fit.values), np.linalg.norm(fit.std)])
+            words = f"the camera has turned by {size:.2g} ± {std:.1g}° {since}"
+            return Diagnosis("camera_turned", words, "fasten the camera, then take all pictures anew", "wrong")
+
+        by = partial(slopes, which=clamp, turns=turns)
+        # what it has in common with a clamp that slipped is the clamp's
+        yield _Mistake(_changed(clamp, later, turns), turned, (s.turn_rad,) * 3, s.mistake - less - 1.0, slopes=by)
 
 
 def _antenna(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
@@ -762,11 +778,18 @@ def _sensor_diagnoses(readings: MomentReadings, s: SessionSettings = SETTINGS) -
     return diagnose(readings, SENSOR)
 
 
-def still_diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjustment) -> list[Diagnosis]:
+def still_diagnoses(
+    session: Session, kinematics: Kinematics, joint: BundleAdjustment, moved: bool = False
+) -> list[Diagnosis]:
     """Diagnoses of a session's numbers, rows, antenna, clamp and moment sensor, the likeliest first. joint : the
-    solution from all its pictures, from `solve_antenna`."""
+    solution from all its pictures, from `solve_antenna`. moved : whether the camera has moved, or was refocused, since
+    plane C was found."""
+    before = joint.problem.prior
+    if moved:
+        spread = np.diag(np.repeat([SETTINGS.camera_rad, SETTINGS.camera_m], 3) ** 2)
+        before = replace(before, poses=[replace(one, covariance=one.covariance + spread) for one in before.poses])
     try:
-        return _session_diagnoses(session, kinematics, joint.noted, joint.problem.prior)
+        return _session_diagnoses(session, kinematics, joint.noted, before)
     except SolveError:
         return []
 

@@ -31,6 +31,8 @@ class SessionSettings:
     turn_rad: float = 0.15  # of the direction of loads, and of gravity
     slip_m: float = 2e-3  # of a clamp that slipped
     slip_rad: float = 0.02  # of a clamp that turned
+    camera_rad: float = 0.03  # of a camera that has moved since plane C was found, per axis
+    camera_m: float = 5e-3  # the same of its place
     bow: float = 0.05  # of a bend, in its change of slope over the whole length
     give_m: float = 5e-3  # of a soft clamp
     uneven: float = 0.2  # of the logarithm of EI's ratio between y and z
