@@ -34,8 +34,9 @@ class RigWatch:
     """Judges the frames of a rig in use in a thread of its own: a camera that was knocked or refocused, a clamp that
     gave way, a bent or exchanged antenna, a sensor with another zero or gain, or a dead one.
 
-    The last frames are judged together by the hypotheses that a recording's verdict compares (`RecordingWatch`). A part
-    of the rig (camera, antenna, sensor) is named once, until a later judgement is without it.
+    The last frames are judged together by the hypotheses that a recording's verdict compares (`RecordingWatch`), each
+    camera's by themselves. A part of the rig (camera, antenna, sensor) is named once, until a later judgement is
+    without it.
 
     Attributes
     ----------
@@ -60,7 +61,7 @@ class RigWatch:
         self._next, self._rests_until_s, self._named = self.settings.every, 0.0, ""
         self._part, self._times = "", 0  # that the last judgements name, and how many of them
         self._thread: ThreadPoolExecutor | None = None
-        self._coming: Future[tuple[RecordingVerdict, float]] | None = None
+        self._coming: Future[tuple[RecordingVerdict, str, float]] | None = None
 
     def push(self, measured: Measured, contact: Contact) -> list[Diagnosis]:
         """Add the next frame. Returns the changes found in the frames so far and not reported before."""
@@ -72,33 +73,39 @@ class RigWatch:
             self._coming = self._thread.submit(self._judged, sorted([*self._kept[0], *self._kept[1]], key=_order))
         if self._coming is None or not (self.waits or self._coming.done()):
             return []
-        (found, took_s), self._coming = self._coming.result(), None
+        (found, camera, took_s), self._coming = self._coming.result(), None
         if not self.waits:
             self._rests_until_s = time.monotonic() + took_s * (1.0 / self.settings.share - 1.0)
-        return self._news(found)
+        return self._news(found, camera)
 
     def close(self) -> None:
         """Wait for the judgement in progress."""
         if self._thread is not None:
             self._thread.shutdown()
 
-    def _judged(self, frames: list[tuple[int, Measured, Contact]]) -> tuple[RecordingVerdict, float]:
-        """The verdict on some frames, and the time that it took, s."""
-        begin_s, watch = time.monotonic(), RecordingWatch(self.rig)
-        for _, measured, contact in frames:
-            watch.push(measured, contact)
-        found = watch.verdict()
+    def _judged(self, frames: list[tuple[int, Measured, Contact]]) -> tuple[RecordingVerdict, str, float]:
+        """The surest camera's verdict on some frames, its name where there are several, and the time it took, s."""
+        begin_s, judged = time.monotonic(), list[tuple[RecordingVerdict, str]]()
+        for name, one in self.rig.cameras.items():
+            watch = RecordingWatch(one)
+            for _, measured, contact in frames:
+                watch.push(measured.of_camera(name) if name in self.rig.others else measured, contact)
+            judged.append((watch.verdict(), name if self.rig.others else ""))
+        found, camera = max(judged, key=lambda each: each[0].log_odds)
+        prefix = f"{camera}: " if camera else ""
         # of the stream's frames, not of those that are judged
         named = [
             replace(
                 one,
-                words=re.sub(r"from row (\d+) on", lambda row: f"from frame {frames[int(row[1])][0]} on", one.words),
+                words=prefix
+                + re.sub(r"from row (\d+) on", lambda row: f"from frame {frames[int(row[1])][0]} on", one.words),
             )
             for one in found.verdict.findings
         ]
-        return replace(found, verdict=replace(found.verdict, findings=tuple(named))), time.monotonic() - begin_s
+        verdict = replace(found.verdict, findings=tuple(named))
+        return replace(found, verdict=verdict), camera, time.monotonic() - begin_s
 
-    def _news(self, found: RecordingVerdict) -> list[Diagnosis]:
+    def _news(self, found: RecordingVerdict, camera: str) -> list[Diagnosis]:
         sure = found.log_odds >= self.settings.least_log_odds
         # Of a rig, what each change is of: which of a camera's it is shows later than that it is one.
         parts = {
@@ -110,6 +117,7 @@ class RigWatch:
         }
         cause = next((one for one in found.verdict.findings if sure and one.grave and one.name in parts), None)
         part = "" if cause is None else parts[cause.name]
+        part = f"{part} {camera}".strip() if part == "camera" else part
         self._times = self._times + 1 if part == self._part else 1
         self._part = part
         if cause is None or self._times < self.settings.confirmed or part == self._named:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from copy import copy, deepcopy
 from dataclasses import replace
 from pathlib import Path
 
@@ -116,11 +117,27 @@ def test_a_sound_rig_has_no_alarm() -> None:
     assert max(odds) < 0.7 * RigWatch(Bench(0).rig).settings.least_log_odds
 
 
-def told(*verdicts: tuple[str, float]) -> Iterator[tuple[RecordingVerdict, float]]:
+@pytest.mark.slow
+def test_of_several_cameras_the_knocked_one_is_named() -> None:
+    """None before; by 1 px, within thirty frames."""
+    bench = Bench(0)
+    right, pose = copy(bench), camera_pose(0.6, 2.0)
+    right.true, right.rig = (replace(one, T_antenna_camera=pose) for one in (bench.true, bench.rig))
+    bench.rig, several = replace(bench.rig, others={"right": right.rig}), list[Measured]()
+    for world in (right.true, right.knocked(1.0)):
+        right.rng = deepcopy(bench.rng)
+        both = zip(bench.frames(bench.true, BEFORE, 0.6), right.frames(world, BEFORE, 0.6), strict=True)
+        several += [replace(one, others={"right": replace(one, points_px=other.points_px)}) for one, other in both]
+    frame, cause = bench.alarms(several)[0][0]
+    assert BEFORE <= frame < BEFORE + 30
+    assert cause.words.startswith("right: the camera")
+
+
+def told(*verdicts: tuple[str, float]) -> Iterator[tuple[RecordingVerdict, str, float]]:
     """Judgements: the name of a cause and its log odds; no cause where it is empty."""
     for name, log_odds in verdicts:
         found = Verdict.of([replace(KNOCKED, name=name)]) if name else Verdict()
-        yield RecordingVerdict(found, 0, frozenset(), log_odds), 0.0
+        yield RecordingVerdict(found, 0, frozenset(), log_odds), "", 0.0
 
 
 @pytest.fixture

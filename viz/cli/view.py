@@ -53,7 +53,7 @@ def _in_rerun(args: argparse.Namespace) -> dict[str, Any]:
     from estimator.table.files import read_contacts
     from viz.files.rerun_log import RerunLog
 
-    table = read_contacts(args.contacts, antenna=args.antenna)
+    table = read_contacts(args.contacts, several=True, antenna=args.antenna)
     log = RerunLog(args.rerun, args.force)
     try:
         for row in table.rows():
@@ -135,7 +135,7 @@ def _scene_of(args: argparse.Namespace) -> tuple[Scene, int]:
     from viz.scene.scene import build_scene, framewise, refuse_out_of_reach
     from viz.scene.truth import true_object
 
-    table = read_contacts(args.contacts, antenna=args.antenna)
+    table = read_contacts(args.contacts, several=True, antenna=args.antenna)
     if not table.located.any():
         raise InputError("no frame has a located contact", where=args.contacts, remedy="see its reason column")
     refuse_out_of_reach(table, args.contacts)
