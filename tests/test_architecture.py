@@ -34,7 +34,7 @@ MOST = {
     "module constants": 893,
     "class names used twice": 0,
     "classes": 482,
-    "public names": 1122,
+    "public names": 1120,
     "private words": 53,
     "type: ignore": 4,
     "words on pages": 29970,

@@ -113,7 +113,7 @@ def frame_picture(estimator: ContactEstimator, item: FrameContact) -> np.ndarray
 
 
 def _camera_picture(rig: Rig, item: FrameContact, fitted: np.ndarray | None) -> np.ndarray:
-    """One camera's, with the fitted antenna's nodes (M, 3), antenna frame."""
+    """One camera's debug picture, with the fitted antenna's nodes (M, 3), antenna frame."""
     frame, contact = item.frame, item.contact
     width, height = rig.camera.image_size
     image = np.zeros((height, width), np.uint8) if frame.image is None else read_gray(frame.image)

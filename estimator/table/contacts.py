@@ -358,7 +358,7 @@ for _class in (Contact, ContactRow, ContactTable):
 
 @lru_cache
 def _nothing(value: float, count: int) -> np.ndarray:
-    """(count,) of what stands for nothing, one array for all."""
+    """(count,) read-only array of a missing value, cached, so that columns without values share it."""
     return np.frombuffer(np.full(count, value).tobytes())
 
 
