@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import SimpleNamespace
 from typing import Any
@@ -50,7 +50,7 @@ class RigArrays:
     by_wrench: np.ndarray
     by_sensor: np.ndarray
     line: np.ndarray
-    most_information: float = np.inf
+    most_information: float = field(default=np.inf, kw_only=True)
 
     @staticmethod
     def from_rig(rig: Rig, friction_rad: float, drift: bool = True) -> RigArrays:
