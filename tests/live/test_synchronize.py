@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing
+from vbaa_calib.streams import MessageSource, Reading, Synchronizer, Taken, Timing
+from vbaa_calib.streams.messages import Messages
+from vbaa_calib.streams.recorded import _with_readings
 from vbaa_calib.streams.synchronize import Synchronized
 
 PICTURE = np.zeros((4, 6), np.uint8)
@@ -197,6 +200,22 @@ def test_live_pictures_never_wait_for_later_ones(steps: list[tuple[float, float]
         lost = synchronizer.counts["pictures out of order"] + synchronizer.counts["pictures doubled"]
         assert len(out) + lost + synchronizer.counts["pictures stamped ahead"] >= len(times_s)
         assert not list(synchronizer.finish())
+
+
+@pytest.mark.parametrize("by_s", [0.0, HOUR_S, -HOUR_S])
+def test_readings_of_a_table_come_to_pictures_whose_first_stamp_is_wrong(by_s: float, tmp_path: Path) -> None:
+    """Thousands of them, beside pictures that arrived by another clock; a first stamp that is right is kept to."""
+    path = tmp_path / "readings.csv"
+    path.write_text("\n".join(["time_s,moment_Nm", *(f"{number / 1000},0.001" for number in range(20_000))]))
+
+    def messages() -> Messages:
+        for number in range(380):
+            yield taken(0.01 + 0.05 * number + by_s * (number == 0), 5000.0 + 0.05 * number)
+
+    source = _with_readings(MessageSource("bag", messages), path, 0.0)
+    synchronizer = Synchronizer(Timing(), source.channels, live=False)
+    found = through(synchronizer, *(each for each in source.messages() if each is not None))
+    assert sum(np.isfinite(each.frame.moment_Nm) for each in found) == 380 - (by_s != 0.0)
 
 
 def test_recordings_of_two_clocks_are_refused_with_an_offset() -> None:

@@ -23,8 +23,10 @@ from vbaa_calib.session import (
     read_recording,
     recording_of,
     tables,
+    without_moments,
 )
 from vbaa_calib.session.jig import jig_alternatives
+from vbaa_calib.session.tables import _FrameColumns, numbers_of
 
 from .files import changed, complaint, write
 
@@ -173,6 +175,16 @@ class TestRecording:
         first = _frames_or_complaint(path)
         monkeypatch.setattr(tables, "plain_columns", lambda *_: None)
         assert first == _frames_or_complaint(path)
+
+    def test_columns_are_frames(self, tmp_path: Path) -> None:
+        path = tmp_path / "recording.csv"
+        path.write_text("frame,time_s,pan_rad,tilt_rad,moment_Nm\n7,0,0.1,0.2,1e-3\n4,0.5,0,0,-2e-3\n9,1,0,0,0\n")
+        frames = recording_of(path, with_images=False)
+        assert isinstance(frames, _FrameColumns)
+        assert [str(frame) for frame in frames] == [str(frames[at]) for at in range(3)]
+        assert (frames[-1].frame, len(frames[1:]), frames[1:][0].moment_Nm) == (9, 2, -2e-3)
+        assert list(numbers_of(frames)) == list(numbers_of(list(frames))) == [7, 4, 9]
+        assert all(math.isnan(frame.moment_Nm) for frame in without_moments(frames))
 
 
 ODD = ["", " 3", "1 2", "1,2", "'1'", '"2"', "nan", "inf", "1_0", "0x10", "-1", "1e400", "1e-3", "7", "2.5", "+4"]
