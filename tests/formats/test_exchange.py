@@ -389,3 +389,20 @@ def test_another_model_is_refitted_and_its_error_stated(
     assert np.linalg.norm(seen - pixels, axis=1).max() < most_px
     (note,) = lens.doubts
     assert ("px rms" in note.words, note.severity) == (True, "note")
+
+
+@pytest.mark.parametrize(
+    ("model", "down", "most_px"), [("CAHVOR", "0 900 479.5", 0.02), ("CAHVORE1, general", "0.9 900 479.5", 1.0)]
+)
+def test_cahvor_about_its_axis_is_a_radial_lens(tmp_path: Path, model: str, down: str, most_px: float) -> None:
+    path = tmp_path / "a.cahvor"
+    vectors = f"C = 0.1 0.2 0.3\nA = 0 0 1\nH = 900 0 639.5\nV = {down}\nO = 0 0 1\nR = 0.0 -0.2 0.05\n"
+    path.write_text(f"Model = {model} = perspective\nDimensions = 1280 960\n{vectors}")
+    found = read_files(path)
+    assert found.T_reference_camera is not None
+    np.testing.assert_allclose(found.T_reference_camera.translation_m, [0.1, 0.2, 0.3])
+    points = np.column_stack([np.random.default_rng(1).uniform(-0.5, 0.5, (50, 2)), np.ones(50)])
+    square = (points[:, :2] ** 2).sum(axis=1, keepdims=True)
+    expected = points[:, :2] * (1.0 - 0.2 * square + 0.05 * square**2)
+    expected = expected @ np.array([[900.0, float(down.split()[0])], [0.0, 900.0]]) + [639.5, 479.5]
+    np.testing.assert_allclose(found.camera.project(points)[0], expected, atol=most_px)
