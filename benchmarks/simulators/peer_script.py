@@ -65,24 +65,23 @@ def _contacts(path: str) -> None:
     rod, simulator, load = module.antenna(), module.Simulator(), {"at_m": a.length_m, "force_N": [0.0, 0.0]}
     element = a.length_m / (rod.n_elems - 0.5)
 
-    class Contact(ea.NoForces):  # type: ignore[misc]
+    def apply_forces(_: Any, system: Any, time: float = 0.0) -> None:
         """A force between two nodes, normal to the rod there."""
+        place = min(load["at_m"] / element + 0.5, rod.n_elems - 1e-9)
+        node, along = int(place), system.tangents[:, int(place)]
+        straight = np.array([0.0, *load["force_N"]])
+        force = straight - (straight @ along) * along
+        force *= np.linalg.norm(straight) / max(float(np.linalg.norm(force)), 1e-30)
+        for k, share in ((node, node + 1 - place), (node + 1, place - node)):
+            system.external_forces[:, k] += share * force
 
-        def apply_forces(self, system: Any, time: float = 0.0) -> None:
-            place = min(load["at_m"] / element + 0.5, rod.n_elems - 1e-9)
-            node, along = int(place), system.tangents[:, int(place)]
-            straight = np.array([0.0, *load["force_N"]])
-            force = straight - (straight @ along) * along
-            force *= np.linalg.norm(straight) / max(float(np.linalg.norm(force)), 1e-30)
-            for k, share in ((node, node + 1 - place), (node + 1, place - node)):
-                system.external_forces[:, k] += share * force
-
+    contact = type("Contact", (ea.NoForces,), {"apply_forces": apply_forces})
     step_s = 0.1 * element**2 * np.sqrt(a.mass_per_length_kg_m / a.bending_stiffness_Nm2)
     mode = 3.516 * np.sqrt(a.bending_stiffness_Nm2 / a.mass_per_length_kg_m) / a.length_m**2
     simulator.append(rod)
     simulator.constrain(rod).using(ea.OneEndFixedBC, constrained_position_idx=(0,), constrained_director_idx=(0,))
     simulator.add_forcing_to(rod).using(ea.GravityForces, acc_gravity=np.array(a.gravity_m_s2))
-    simulator.add_forcing_to(rod).using(Contact)
+    simulator.add_forcing_to(rod).using(contact)
     simulator.dampen(rod).using(ea.AnalyticalLinearDamper, uniform_damping_constant=1.5 * mode, time_step=step_s)
     simulator.finalize()
     stepper, time_s = ea.PositionVerlet(), 0.0

@@ -43,9 +43,9 @@ def off_in_deviations(one: ContactTable, other: ContactTable, rows: np.ndarray) 
 def test_one_frame_gets_its_own_answer() -> None:
     recorded, table, lines, _ = given()
     for row in np.flatnonzero(table.located)[4:40:12]:
-        alone = refine(table.picked([row]), recorded.given, [lines[row]])
+        alone = refine(table.picked(np.array([row])), recorded.given, [lines[row]])
         assert not alone.reason
-        assert off_in_deviations(alone.contacts, table.picked([row]), np.array([0])) < 0.1
+        assert off_in_deviations(alone.contacts, table.picked(np.array([row])), np.array([0])) < 0.1
         assert alone.contacts.distance_std_m == pytest.approx(table.distance_std_m[[row]], rel=0.05)
 
 

@@ -122,7 +122,7 @@ def test_of_several_cameras_the_knocked_one_is_named() -> None:
     """None before; by 1 px, within thirty frames."""
     bench = Bench(0)
     right, pose = copy(bench), camera_pose(0.6, 2.0)
-    right.true, right.rig = (replace(one, T_antenna_camera=pose) for one in (bench.true, bench.rig))
+    right.true, right.rig = replace(bench.true, T_antenna_camera=pose), replace(bench.rig, T_antenna_camera=pose)
     bench.rig, several = replace(bench.rig, others={"right": right.rig}), list[Measured]()
     for world in (right.true, right.knocked(1.0)):
         right.rng = deepcopy(bench.rng)
