@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -38,13 +37,6 @@ class _RodPath:
     evidence: float
     cost: float = 0.0
     mean: float = 0.0
-
-    def is_clear(self, settings: RodSettings) -> bool:
-        """Whether the path is bent and its evidence strong enough to end the search."""
-        along, chord = self.path_px - self.path_px[0], self.path_px[-1] - self.path_px[0]
-        sagitta = np.abs(along @ [-chord[1], chord[0]]).max() / max(float(chord @ chord), 1e-9)
-        bent = 8.0 * sagitta > settings.clear_bend
-        return bent and self.mean > settings.enough and self.evidence > settings.clear_evidence
 
 
 def _opponent(picture: np.ndarray, settings: RodSettings) -> np.ndarray:
@@ -206,6 +198,7 @@ class _PhotoPatch:
     low: np.ndarray  # (2,) its first pixel in the picture
     noise: np.ndarray  # (channels,) standard deviation of a pixel
     spread: np.ndarray  # (channels,) of places of one surface
+    size: np.ndarray  # (2,) of the picture
 
     @staticmethod
     def about(planes: np.ndarray, path: _RodPath, settings: RodSettings) -> _PhotoPatch:
@@ -218,7 +211,8 @@ class _PhotoPatch:
         part = planes[:, low[1] : high[1], low[0] : high[0]]
         level = _Level(part, 1.0).reduced(1.0 / times, part.shape[1:])
         noise = level.noise(settings)
-        return _PhotoPatch(level.planes, level.scale, low, noise, np.hypot(noise, _shading_of(len(planes), settings)))
+        spread = np.hypot(noise, _shading_of(len(planes), settings))
+        return _PhotoPatch(level.planes, level.scale, low, noise, spread, size)
 
     def here(self, points: np.ndarray) -> np.ndarray:
         """Patch coordinates of points (..., 2) of the picture."""
@@ -358,19 +352,19 @@ def _fitted(
         found = _course(patch, channels, coarse, width, (first, last), replace(settings, light=light))
         if found is None:
             continue
-        parallel = float(found[-1].mean()) * min(1.0, arc_lengths(found[1])[-1] / arc_lengths(coarse)[-1])
+        parallel = found[-1] * min(1.0, arc_lengths(found[1])[-1] / arc_lengths(coarse)[-1])
         if parallel > most:
             course, most = found, parallel
         if parallel > settings.good_edges:
             break
     if course is None:
         return None
-    points, curve, misses, width, inside, seen = course
+    points, curve, misses, width, inside, seen, edged = course
     length = float(arc_lengths(curve)[-1])
     diagonal = float(np.hypot(*picture_planes.shape[1:])) * patch.scale
     cell = max(width, settings.correlation_share * diagonal)
     there, parts = _along(planes, curve, width, cell, seen, settings)
-    parts |= {"edges": float(seen.mean()), "wander": mad_std(misses) / width, "length_share": length / diagonal}
+    parts |= {"edges": edged, "wander": mad_std(misses) / width, "length_share": length / diagonal}
     evidence = parts["ribbon"] if first is not None and last is not None else _rod_odds(parts, inside, settings)
     gap, goes_on = (
         _gap(curve, there, settings.longest_gap * max(cell / length, 0.02)),
@@ -390,7 +384,7 @@ def _fitted(
     )
 
 
-_Course = tuple[np.ndarray, np.ndarray, np.ndarray, float, tuple[bool, bool], np.ndarray]
+_Course = tuple[np.ndarray, np.ndarray, np.ndarray, float, tuple[bool, bool], np.ndarray, float]
 
 
 def _course(
@@ -401,8 +395,8 @@ def _course(
     ends: tuple[np.ndarray | None, np.ndarray | None],
     settings: RodSettings,
 ) -> _Course | None:
-    """Centre points with distances from their smooth curve, that curve, the width, whether the ends are inside the
-    picture, and which stations have two edges, measured in some channels; None without edges. In the patch's pixels."""
+    """Points, their curve and distances from it, the width, whether the ends are inside, which stations have two edges
+    by some channels, and their share of what nothing hides; None where there are none. In pixels of the patch."""
     planes, spread = patch.planes[channels], patch.spread[channels]
     first, last = ends
     curve = _smooth(coarse, np.ones(len(coarse)), max(width, settings.least_smoothing_px))
@@ -422,36 +416,41 @@ def _course(
         curve, misses = _robust(points, scale, width, 2.0 * width)
         if not np.isfinite(curve).all() or arc_lengths(curve)[-1] > 1.5 * arc_lengths(coarse)[-1] + 8.0 * width:
             return None
+
+    def to_the_ends(beyond: float) -> tuple[np.ndarray, np.ndarray, tuple[bool, bool], float]:
+        curve, misses = _robust(points, scale, width, beyond)
+        curve, inside, hidden = _to_the_ends(patch, curve, width, ends, beyond, settings)
+        return curve, misses, inside, hidden
+
     # points beyond the ends are no rod's, and would bend the line there
-    curve, inside = _to_the_ends(patch, curve, width, ends, settings)
+    curve, misses, inside, hidden = to_the_ends(2.0 * width)
     if len(curve) < 10:
         return None
     index, _ = offsets_from(curve, points)
     kept = ((index > 0) | (not inside[0])) & ((index < len(curve) - 1) | (not inside[1]))
-    if settings.least_points <= kept.sum():
-        points = points[kept]
-        curve, misses = _robust(points, scale, width, 2.0 * width)
-        curve, inside = _to_the_ends(patch, curve, width, ends, settings)
-        far, _ = _robust(points, scale, width, (2.0 + settings.bridged_widths) * width)
-        far, _ = _to_the_ends(patch, far, width, ends, settings, bridged=True)
-        if arc_lengths(far)[-1] > arc_lengths(curve)[-1] + 1.5 * width:  # it goes on behind something
-            points, width, _ = _edges(planes, spread, far, width, settings, False)
-            if len(points) < settings.least_points:
-                return None
-            curve, misses = _robust(points, scale, width, 2.0 * width)
-            curve, inside = _to_the_ends(patch, curve, width, ends, settings, bridged=True)
+    points = points[kept | (np.hypot(*(points - curve[index]).T) < 0.5 * width)]
+    if len(points) < settings.least_points:
+        return None
+    curve, misses, inside, hidden = to_the_ends(2.0 * width)
+    ahead, *_ = to_the_ends((2.0 + settings.bridged_widths) * width)
+    if arc_lengths(ahead)[-1] > arc_lengths(curve)[-1] + 1.5 * width:  # it goes on behind something
+        points, width, _ = _edges(planes, spread, ahead, width, settings, False)
+        if len(points) < settings.least_points:
+            return None
+        curve, misses, inside, hidden = to_the_ends(2.0 * width)
     if len(curve) < 10:
         return None
     length = float(arc_lengths(curve)[-1])
     if length < settings.least_aspect * width:
         return None
-    most_off = max(2.0 * width, 0.03 * length)
+    most_off = 0.5 * (settings.click_share * float(np.hypot(*patch.size)) * patch.scale + width)
     if any(end is not None and np.hypot(*(at - end)) > most_off for end, at in ((first, curve[0]), (last, curve[-1]))):
         return None
     _, width, seen = _edges(planes, spread, curve, width, settings, True)
     if seen.mean() < settings.least_edges:
         return None
-    return points, curve, misses, width, inside, seen
+    hidden = min(hidden, settings.bridged_widths * width / length)
+    return points, curve, misses, width, inside, seen, min(1.0, float(seen.mean()) / (1.0 - hidden))
 
 
 def _along(
@@ -619,22 +618,20 @@ def _holders(
         tangent = tangent / max(np.hypot(*tangent), 1e-9)
         across_axis = np.array([-tangent[1], tangent[0]])
         along = np.linspace(0.8, 2.0, 7)[:, None] * width
-        places = line[-1] + along * tangent
         colours = []
-        for across in (np.linspace(-0.35, 0.35, 5), np.linspace(-1.6, -0.9, 5), np.linspace(0.9, 1.6, 5)):
-            at = (places[:, None] + across[:, None] * width * across_axis).reshape(-1, 2)
+        # sides as before the end, as a clamp is wider than the rod; near by there may be hairs or a shadow
+        for way, low, high in ((1.0, -0.35, 0.35), *((-1.0, low, low + 0.7) for low in (-3.0, -1.6, 0.9, 2.3))):
+            places = line[-1] + way * along * tangent
+            at = (places[:, None] + np.linspace(low, high, 5)[:, None] * width * across_axis).reshape(-1, 2)
             at = at[np.all((at >= 0) & (at <= size), axis=1)].round().astype(int)
             colours.append(np.median(planes[:, at[:, 1], at[:, 0]], axis=1) if len(at) > 5 else None)
-        beyond, left, right = colours
-        if beyond is None or left is None or right is None:
-            found.append(0.0)
-            continue
+        beyond, *sides = colours
         spread = 2.0 * settings.spread**2
         odds = [
             float(np.sum(0.5 * d**2 * (1.0 / base - 1.0 / (base + spread)) - 0.5 * np.log((base + spread) / base)))
-            for d in (beyond - left, beyond - right)
+            for d in (beyond - side for side in sides if beyond is not None and side is not None)
         ]
-        found.append(max(min(min(odds), 20.0), -20.0))
+        found.append(max(min(min(odds, default=0.0), 20.0), -20.0))
     return found[0], found[1]
 
 
@@ -794,75 +791,66 @@ def _to_the_ends(
     curve: np.ndarray,
     width: float,
     ends: tuple[np.ndarray | None, np.ndarray | None],
+    beyond: float,
     settings: RodSettings,
-    bridged: bool = False,
-) -> tuple[np.ndarray, tuple[bool, bool]]:
-    """The part of the curve (M, 2) on the rod, or between its ends where these are known, and whether each end is
-    within the picture. bridged : whether it continues behind things that cover it."""
+) -> tuple[np.ndarray, tuple[bool, bool], float]:
+    """The part of the curve (M, 2) that is on the rod, or between its ends where they are known, and whether it ends
+    within the picture; and what share of it something hides. The curve goes on `beyond` what was measured of it."""
     planes, noise = patch.planes, patch.noise
-    step = float(arc_lengths(curve[:2])[-1])
-    fit = max(2, round(0.5 * width / step))
-    strip = _Strip.along(planes, curve, step, 1.75 * width, max(0.25, width / 12.0))
+    count = len(curve)
+    step = float(arc_lengths(curve)[-1]) / (count - 1)
+    strip = _Strip.along(planes, curve, 0.0, 1.75 * width, max(0.25, width / 12.0))
     size = np.array(planes.shape[:0:-1]) - 1.0
     inside = np.all((curve >= -0.5) & (curve <= size + 0.5), axis=1)
     mark = strip.colours(-0.25 * width, 0.25 * width)
     grounds = [strip.colours(low * width, high * width) for low, high in ((-1.75, -1.0), (1.0, 1.75))]
-    count = len(curve)
+    measured = np.abs(np.arange(count) - 0.5 * (count - 1)) * step < 0.5 * count * step - beyond
+    known = np.flatnonzero(np.isfinite(mark[0]) & measured)
+    if len(known) < 4:
+        return curve[:0], (True, True), 0.0  # nothing of it is in the picture
+    shading = _shading_of(len(planes), settings)
+    run = min(round(settings.one_colour * width / step), len(known) - 1) | 1
+    nearest = np.clip(np.arange(count) - known[run // 2], 0, len(known) - 2 * (run // 2) - 1)
 
-    def run_out(known: np.ndarray | None, order: np.ndarray) -> tuple[int, bool]:
-        """Index of the last place on the rod in this order, and whether that is within the picture."""
-        if known is not None:
-            nearest = int(np.argmin(np.hypot(*(curve - known).T)))
+    def log_density(surface: np.ndarray) -> np.ndarray:
+        """(M,) of what is there, were it this surface (channels, M), which looks as near by, or as its last piece."""
+        usual = median_filter(np.nan_to_num(surface[:, known]), (1, run), mode="nearest")
+        scatter = np.quantile(np.abs(surface[:, known] - usual), 0.9, axis=1) / 1.645  # plies and highlights count
+        std = np.sqrt(shading**2 + noise**2 + np.nan_to_num(scatter) ** 2)[:, None]
+        off = mark - usual[:, run // 2 : len(known) - run // 2][:, nearest]
+        return np.nan_to_num(np.sum(-0.5 * (off / std) ** 2 - np.log(std), axis=0), nan=-1e9)
+
+    other = len(planes) * -np.log(settings.spread)
+    seen = log_density(mark)
+    on_rod = np.logaddexp(seen, np.log(settings.hidden) + other)
+    off_rod = np.logaddexp(*(log_density(each) for each in grounds)) + np.log(0.5)
+    off_rod = np.logaddexp(off_rod, np.log(settings.chance) + other)
+    odds = np.maximum(on_rod - off_rod, settings.gap)
+    # it differs from one of its sides: between two sides of its own colour there is its clamp
+    base = 2.0 * (shading**2 + noise**2)[:, None]
+    apart = np.max([np.nan_to_num(np.sum((mark - ground) ** 2 / base, axis=0), nan=99.0) for ground in grounds], axis=0)
+    odds = np.where(apart < 4.0, settings.gap, odds)
+
+    def run_out(known_end: np.ndarray | None, order: np.ndarray) -> tuple[int, bool]:
+        """Index of the last place on the rod in this order, and whether it is within the picture."""
+        if known_end is not None:
+            nearest = int(np.argmin(np.hypot(*(curve - known_end).T)))
             return nearest, bool(inside[nearest])
-        near = order[count // 2 : count - 3 * fit] if count - 3 * fit > count // 2 + 2 else order[: count // 2]
-        if not np.isfinite(mark[:, near]).any(axis=1).all():
-            return int(order[count // 2]), True  # nothing of it is in the picture
-        rod = np.nanmedian(mark[:, near], axis=1)
-        around = np.nanmedian(np.concatenate([each[:, near] for each in grounds], axis=1), axis=1)
-        difference = (rod - around) / noise**2
-        scale = max(difference @ (rod - around), 1e-9)
-        local = np.nanmean(np.stack([*grounds, np.repeat(around[:, None], count, axis=1)]), axis=0)
-        on_rod = difference @ (mark - around[:, None]) / scale > 0.5
-        on_rod |= difference @ (mark - local) / scale > 0.5
-        # between two sides of its own colour there is no rod, but its clamp
-        on_rod &= ~np.all([difference @ (each - around[:, None]) / scale > 0.5 for each in grounds], axis=0)
-        apart = np.sum(((mark - rod[:, None]) / noise[:, None]) ** 2, axis=0)
-        alike = apart < settings.alike_colour**2 * np.sum(((rod - around) / noise) ** 2)
         run = order[count // 2 :]
-        on = on_rod[run]
-        if bridged:
-            beyond = int(np.argmax(np.append(_gone(on, fit), True)))
-            on[:beyond], on[beyond:] = True, on[beyond:] & alike[run][beyond:]
-            on = _bridged(on, fit, settings.bridged_widths * width / step)
-        gone = _gone(on, fit)
-        out = gone | ~inside[run]
-        at = max(int(np.argmax(out)) - 1, 0) if out.any() else len(run) - 1
-        ahead = min(at + round((0.5 * width + 5.0) / step), len(run) - 1)
-        if inside[run[ahead]]:
+        out = ~inside[run]
+        last = int(np.argmax(out)) if out.any() else len(run)
+        at = int(np.argmax(np.cumsum(odds[run[:last]]))) if last else 0
+        way = curve[run[at]] - curve[run[max(at - round(width / step), 0)]]
+        reach = curve[run[at]] + way / max(np.hypot(*way), 1e-9) * (width + 5.0)
+        if np.all((reach >= -0.5) & (reach <= size + 0.5)):
             return int(run[at]), True
-        return int(run[at + np.argmin(inside[run[at : ahead + 1]]) - 1]) if at < ahead else int(run[at]), False
+        return int(run[last - 1]) if last - at < 2 * round((width + 5.0) / step) else int(run[at]), False
 
     everything = np.arange(count)
     start, seen_first = run_out(ends[0], everything[::-1])
     end, seen_last = run_out(ends[1], everything)
-    return curve[start : end + 1], (seen_first, seen_last)
-
-
-def _gone(on: np.ndarray, least: int) -> np.ndarray:
-    """(M,) mask of stretches of at least `least` places without the rod: a single dark ply is not its end."""
-    off = ~on
-    return np.asarray(off & (np.convolve(off, np.ones(least), "full")[least - 1 :][: len(off)] >= least - 0.5))
-
-
-def _bridged(on: np.ndarray, least: int, most: float) -> np.ndarray:
-    """(M,) mask `on` with gaps of at most `most` places closed between runs of at least `least`."""
-    steps = np.diff(np.concatenate([[0], on.astype(int), [0]]))
-    runs = [(a, b) for a, b in zip(np.flatnonzero(steps > 0), np.flatnonzero(steps < 0), strict=True) if b - a >= least]
-    bridged = on.copy()
-    for (_, before), (after, _) in pairwise(runs):
-        if after - before <= most:
-            bridged[before:after] = True
-    return bridged
+    hidden = seen[start : end + 1] < np.log(settings.hidden) + other
+    return curve[start : end + 1], (seen_first, seen_last), float(hidden.mean()) if len(hidden) else 0.0
 
 
 def _other(middle: np.ndarray, sides: list[np.ndarray], least_chroma: float) -> np.ndarray:
@@ -1013,8 +1001,6 @@ def search_rod(
     else:
         paths: list[_RodPath] = []
         for level, width_px in _levels_of(planes, settings):
-            if any(path.width_px > settings.much_wider * width_px and path.is_clear(settings) for path in paths):
-                break
             paths += _paths_at(level, width_px, (clamp, tip), settings, settings.most_cost_alone)
         paths.sort(key=lambda path: -path.evidence)
         found = _lines(planes, _grouped(paths, settings), [clamp, tip], settings)
@@ -1071,21 +1057,25 @@ def _ranked(found: list[_MeasuredRod], settings: RodSettings) -> list[_MeasuredR
 def _lines(
     planes: np.ndarray, groups: list[list[_RodPath]], ends: list[np.ndarray | None], settings: RodSettings
 ) -> list[_MeasuredRod]:
-    """The likeliest measured line of each group of paths."""
+    """The measured lines of each group of paths: a highlight, a stripe or a ply runs along a rod."""
     found = []
     for group in groups:
         likely: _MeasuredRod | None = None
+        done = False
         for path in group:
+            if likely is not None and done and path.width_px < 1.7 * likely.width_px:
+                continue
             fit = _fitted(planes, path, ends[0], ends[1], settings)
-            gain = 0.0 if fit is None or likely is None else fit.parts["ribbon"] - likely.parts["ribbon"]
-            # a path with less evidence needs more along its line
-            least = settings.least_gain * group[0].evidence * (path.evidence < 0.9 * group[0].evidence)
-            if fit is not None and (likely is None or gain > least):
-                likely = fit
-            if likely is not None and likely.gap_px is None and 0.6 < likely.width_px / path.width_px < 1.7:
-                break
-        if likely is not None:
-            found.append(likely)
+            if fit is None:
+                continue
+            if likely is not None and fit.width_px < 1.7 * likely.width_px:
+                gain = fit.parts["ribbon"] - likely.parts["ribbon"]
+                # a path with less evidence needs more along its line
+                if gain <= settings.least_gain * group[0].evidence * (path.evidence < 0.9 * group[0].evidence):
+                    continue
+                found.remove(likely)
+            likely, done = fit, fit.gap_px is None and 0.6 < fit.width_px / path.width_px < 1.7
+            found.append(fit)
     return found
 
 
@@ -1103,9 +1093,12 @@ def _grouped(paths: list[_RodPath], settings: RodSettings) -> list[list[_RodPath
 
 
 def _different(found: list[_MeasuredRod]) -> list[_MeasuredRod]:
-    """Lines without those that run along a likelier one."""
+    """Lines that do not run along likelier ones; of two, the wider one that is a rod has the other within it."""
     kept: list[_MeasuredRod] = []
     for line in found:
-        if not any(other.contains(line.curve_px, 0.5) for other in kept):
+        wider = (each for each in found if each.evidence > 0.0 and each.width_px > 1.7 * line.width_px)
+        if not any(each.contains(line.curve_px, 0.5) for each in kept) and not any(
+            each.contains(line.curve_px) for each in wider
+        ):
             kept.append(line)
     return kept

@@ -42,14 +42,8 @@ class RodSettings:
     """Evidence that a path between clamp and tip may lack, turns included: one of 240 widths lacks 20."""
     most_cost_alone: float = 30.0
     """The same for either part of a path that may end anywhere."""
-    much_wider: float = 3.0
-    """A rod that is clear and so many times as wide ends the search for narrower ones."""
-    clear_evidence: float = 80.0
-    """Evidence of a path from which a rod is likely to be along it."""
     least_gain: float = 0.05
     """Share by which a line found with another width must have more evidence: less is chance."""
-    clear_bend: float = 0.15
-    """Bend in radians that it must have: edges of sheets are as clear."""
     most_stations: int = 1000
     """Stations along a rod at which it is measured, at most: 0.1 s of work."""
     coloured_mean: float = 1.0
@@ -155,8 +149,8 @@ class RodSettings:
     """Fewest measured points of a rod."""
     bridged_widths: float = 3.0
     """Length in widths over which something may hide a rod that goes on behind it: a label, tape or a thread."""
-    alike_colour: float = 0.5
-    """Part of the contrast by which the rod's colour may differ behind what hides it; a shadow's differs by more."""
+    hidden: float = 0.02
+    """Share of places at which something hides a rod that goes on behind it: 0.9 log odds against each, by `chance`."""
     ahead_widths: float = 4.0
     """Distance from an end, in widths, up to which a line of the rod's colour is one that goes on."""
     dark: float = 32.0
