@@ -447,7 +447,7 @@ def _course(
     if any(end is not None and np.hypot(*(at - end)) > most_off for end, at in ((first, curve[0]), (last, curve[-1]))):
         return None
     _, width, seen = _edges(planes, spread, curve, width, settings, True)
-    if seen.mean() < settings.least_edges:
+    if seen.mean() < settings.least_edges or width < settings.least_width_px * patch.scale:
         return None
     hidden = min(hidden, settings.bridged_widths * width / length)
     return points, curve, misses, width, inside, seen, min(1.0, float(seen.mean()) / (1.0 - hidden))
