@@ -182,6 +182,19 @@ def test_a_slow_approach_is_seen_before_a_single_frame_tells_it(common: np.ndarr
     assert np.mean(early) > (1.0 if noise == 1.0 else 2.0)
 
 
+def test_a_fast_approach_is_told_by_its_first_frame_and_timed_between_frames() -> None:
+    rng = np.random.default_rng(5)
+    x = depth(80, 50.6, 400.0)
+    track = follow(evidence_table(evidence(x, *EXACT, rng), deep=x + rng.normal(size=80)))
+    (event,) = of(track, "first_contact")
+    assert event.frame == 51
+    assert abs(event.time_s - 50.6 / RATE_HZ) < 4.0 * event.time_std_s < 0.02
+    assert event.delay_s == pytest.approx(51 / RATE_HZ - event.time_s)
+    assert "first contact at" in event.words
+    assert set(track.phase[:50]) == {"free"}
+    assert "free" not in track.phase[52:]
+
+
 @pytest.mark.slow
 def test_the_time_of_first_contact_is_worth_what_it_says() -> None:
     """Against sampling, the common error in any direction, the approach a little uneven."""
