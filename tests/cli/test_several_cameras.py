@@ -106,7 +106,8 @@ def test_contacts_of_both_are_better_than_of_one(made: Path, tmp_path: Path) -> 
         other = CAMERAS[1 - CAMERAS.index(name)]
         assert f"{other}: there is no picture" in one.reason
         alone = ContactEstimator(estimator.rig.cameras[name]).estimate(image=image, **read)
-        assert one.distance_m == pytest.approx(alone.distance_m, rel=1e-6)
+        # the fit ends a hundredth of a standard deviation from its minimum
+        assert one.distance_m == pytest.approx(alone.distance_m, abs=0.01 * alone.distance_std_m)
     several = list(estimator.live([{"image": {"left": frame.image, "right": frame.others["right"]}, **read}]))
     assert several[0].distance_m == pytest.approx(both.distance_m, rel=1e-9)
     with pytest.raises(InputError, match="several cameras"):
