@@ -36,10 +36,8 @@ def _row_noise(image: np.ndarray) -> float:
     products of different ones positive. The median over rows leaves out the few in which an edge runs along them.
     """
     blocks = SearchSettings.row_blocks
-    picture = image if image.dtype in (np.uint8, np.uint16) else image.astype(np.float32)
-    parts = np.array_split(np.arange(picture.shape[1]), blocks)
-    means = [cv2.reduce(picture[:, one[0] : one[-1] + 1], 1, cv2.REDUCE_AVG, dtype=cv2.CV_32F) for one in parts]
-    each = np.array(means).reshape(blocks, len(picture), -1).mean(axis=2)
+    means = cv2.resize(image.astype(np.float32), (blocks, len(image)), interpolation=cv2.INTER_AREA)
+    each = means.reshape(len(image), blocks, -1).mean(axis=2).T
     bend = each[:, 1:-1] - 0.5 * (each[:, :-2] + each[:, 2:])
     shared = (bend.sum(axis=0) ** 2 - (bend**2).sum(axis=0)) / (blocks * (blocks - 1))
     return float(MAD_SCALE * np.sqrt(max(np.median(shared), 0.0) / 1.5))
@@ -90,7 +88,8 @@ def row_errors(
         if alike.max() < step:
             continue
         across = np.abs(along[:, 1 - axis]).mean() / np.linalg.norm(along, axis=1).mean()
-        shared = _row_noise(rows)
+        band = SearchSettings.row_band
+        shared = _row_noise(rows[max(int(places[0]) - band, 0) : int(places[-1]) + band + 1])
         own = max(noise**2 - shared**2, 0.25 * noise**2) ** 0.5
         more = sigma_px * across * shared / max(own, 1e-9) * np.sqrt(alike)
         if image.ndim == 2 and np.median(more) > np.median(sigma_px):

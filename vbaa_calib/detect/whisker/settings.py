@@ -19,6 +19,7 @@ class SearchSettings:
     row_run: int = (
         12  # points of a line on one row, from which noise of rows matters: as long as other errors are shared
     )
+    row_band: int = 64  # rows on either side of a line, in which what the pixels of a row share is measured
     row_pixels: int = 30  # next to a line, from which what a row's pixels share is taken off it
     surface_spread: float = 50.0  # grey levels: deviation of the luma of different surfaces
     colour_spread: float = 15.0  # grey levels: the same of differences of colour
