@@ -15,17 +15,24 @@ from .rig_arrays import UNKNOWNS
 
 
 def solve(
-    frames: Frames, model: str, warm: np.ndarray | None = None, pieces_m: np.ndarray | None = None, jobs: int = 1
+    frames: Frames,
+    model: str,
+    warm: np.ndarray | None = None,
+    pieces_m: np.ndarray | None = None,
+    jobs: int = 1,
+    all_axes: bool = False,
 ) -> FitNumbers:
     """Fit B frames independently, in `jobs` threads.
 
     warm : (B, 4) unknowns near the truth where finite; pieces_m : (G,) arc lengths of `motion.Beam`, if it is tested.
+    all_axes : of the rig's errors, also those that a single frame hardly shows: many frames together do.
     """
     found, rig_arrays = FitNumbers.unwritten(len(frames)), frames.rig_arrays
     starts = np.full((len(frames), UNKNOWNS), np.nan) if warm is None else np.ascontiguousarray(warm, float)
     pieces = np.empty(0) if pieces_m is None else np.ascontiguousarray(pieces_m, float)
     rung = -1 if model == "auto" else RUNGS.index(model)
-    rigs = with_usual_axes(rig_arrays).core, rig_arrays.core, rig_arrays.exact.core
+    usual = rig_arrays if all_axes else with_usual_axes(rig_arrays)
+    rigs = usual.core, rig_arrays.core, rig_arrays.exact.core
 
     def work(begin: int, end: int) -> None:
         core.solver.solve(rigs, frames, begin, end, rung, starts, pieces, found)
