@@ -481,7 +481,7 @@ SAYS = {
     "joint_readings_wrong": "pan|tilt",
     "gravity": "gravity",
     "mirrored": "mirrored",
-    "jig": r"jig.*(cm|mm|inch|turn|sign|unit|exchange)",
+    "jig_unit": r"jig.*(cm|mm|inch|turn|sign|unit|exchange)",
     "camera_moved": "camera.*(moved|turned)",
     "focus_changed": "focus|focal",
     "clamp_slipped": "clamp",
@@ -491,7 +491,7 @@ SAYS = {
 FORCE = "load_force_unit load_force_mistyped"
 ROWS = "load_rows_exchanged load_force_mistyped load_distance_mistyped"
 MATERIAL = "stiffness_not_nominal material diameter"
-JIG = "jig jig_slip"
+JIG = "jig_unit jig_sign jig_axes_exchanged jig_turned jig_rotation_order jig_inverse"
 MOVED = "camera_moved camera_turned"
 SESSION = (
     _row("length_m by 1 to 2 %", NAMED, "antenna_length", _typed(_length)),
@@ -508,7 +508,7 @@ SESSION = (
     _row("two distances exchanged", NAMED, ROWS, _exchanged(("distance_m",))),
     _row("two pictures exchanged", NAMED, ROWS, _pictures_exchanged),
     _row("loads turned by 4 to 8°", NAMED, "loads_turned", _forces(_turned(0.09))),
-    _row("loads' y and z exchanged", NAMED, "loads_turned loads_exchanged", _forces(lambda f, rng: f[:, ::-1])),
+    _row("loads' y and z exchanged", NAMED, "loads_turned load_force_mistyped", _forces(lambda f, rng: f[:, ::-1])),
     _row("loads' sign", NAMED, "loads_turned load_force_mistyped", _forces(lambda f, rng: -f)),
     _row("loads in grams", NAMED, FORCE, _forces(lambda f, rng: f / 9.80665e-3)),
     _row("loads × 9.81", NAMED, FORCE, _forces(lambda f, rng: f * 9.80665)),

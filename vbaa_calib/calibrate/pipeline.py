@@ -32,7 +32,7 @@ from vbaa_calib.session import Session, Still, check_pictures, read_loads, read_
 
 from .doubts import doubts
 from .given_lens import GivenLens, focus_changed, given_solution
-from .plane_c import PlaneC, because, find_plane, jig_causes, picture_folders, read_views
+from .plane_c import PlaneC, because, find_plane, is_slip, jig_causes, picture_folders, read_views
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,8 +178,9 @@ def _mistakes(
     contradicted = plane_contradicted(joint)
     if contradicted:
         # what the free antenna alone says of plane C, before what loads and readings seem to say with a wrong one
-        found = jig_causes(session, camera, plane, [one for one in observations if not one.loaded])
-        if found and found[0].name.startswith(("jig_", "pictures_")) and found[0].name != "jig_off":
+        free = [one for one in observations if not one.loaded]
+        found = jig_causes(session, camera, plane, free)
+        if is_slip(found, session, camera, plane, free):
             return found
         if found:
             rest = still_diagnoses(session, plane.kinematics, joint, moved=True)

@@ -206,6 +206,18 @@ def jig_causes(
     return [] if evidence is None else jig_diagnoses(replace(evidence, lines=lines))
 
 
+def is_slip(
+    found: Sequence[Diagnosis], session: Session, camera: Camera, plane: PlaneC, lines: Sequence[Observation]
+) -> bool:
+    """Whether `jig_causes` found a mistake in session.yaml by the free antenna's lines, and gravity of another
+    direction, or none, does not explain them as well."""
+    evidence = _jig_evidence(session, camera, plane.jig, [one for one in plane.estimates if one.way != "jig"])
+    if evidence is None or not any(one.name in evidence.limits.slips for one in found):
+        return False
+    turned = ([replace(one, gravity_m_s2=by * one.gravity_m_s2) for one in lines] for by in (0.0, -1.0))
+    return not any(one.fits(*one.seen[:2]) for one in (replace(evidence, lines=some) for some in turned))
+
+
 def because(error: VbaaError, found: Sequence[Diagnosis], session: Session) -> VbaaError:
     """The error itself, or in its place an InputError with the likely cause."""
     if not found:

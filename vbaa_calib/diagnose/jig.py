@@ -36,6 +36,10 @@ from .decision import Explanation, decide, joined
 class _JigSettings:
     """Thresholds and priors of mistakes in the jig's entry, and of changes since its picture."""
 
+    slips: tuple[str, ...] = (  # names of mistakes in session.yaml, and of pictures, that are not off by an amount
+        *(f"jig_{what}" for what in ("unit", "sign", "axes_exchanged", "turned", "rotation_order", "inverse")),
+        *("pictures_mirrored", "pictures_turned"),
+    )
     log_prior: float = -6.0  # log probability of each slip in session.yaml
     log_prior_change: float = -3.0  # the same of a camera that moved, a refocus, a length: these are commoner
     free_frames: int = 2  # pictures in which the free antenna is looked for by every hypothesis

@@ -43,7 +43,7 @@ class SessionSettings:
     material: tuple[float, float] = (1.5, 1.0)  # of the logarithms of EI and of the mass per length
     moduli_Pa: tuple[float, float] = (1e9, 450e9)  # of what antennas are made of
     misfit: float = 8.0  # nats beyond what noise makes, from which gross mistakes are tried
-    tried: int = 8  # hypotheses that are solved in full
+    tried: int = 12  # hypotheses that are solved in full
     tries: int = 12  # steps of such a solve, after which it goes on only if it may come near the best so far:
     behind: float = 30.0  # nats from it
     hopeless: float = 4.0  # nats that a forecast may be short of the decision's least log odds
