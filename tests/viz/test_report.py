@@ -16,7 +16,7 @@ from markupsafe import Markup, escape
 
 from estimator.contact import overlay
 from estimator.contact.estimate import ContactEstimator
-from estimator.contact.overlay import _marks as marks
+from estimator.contact.overlay import _bent, _marks
 from estimator.contact.recording import FrameContact, estimate_pictures
 from estimator.table.contacts import COLUMNS, STATUSES, ContactRow, ContactTable
 from estimator.table.files import write_contacts
@@ -105,7 +105,11 @@ def test_the_recordings_picture_shows_the_tables_contact(tmp_path: Path, monkeyp
     items = list(estimate_pictures(estimator, read_recording(load_session(root / "session"))))
     rows = [ContactRow.of(item.frame, item.contact) for item in items]
     item = max(items, key=lambda item: np.nan_to_num(np.linalg.norm(item.contact.force_N)))
-    fitted = marks(estimator, item).shape
+
+    def shape(by: ContactEstimator, one: FrameContact) -> np.ndarray:
+        return _marks(by.rig, one, _bent(by, one)).shape
+
+    fitted = shape(estimator, item)
     drawn: list[tuple[ContactEstimator, FrameContact]] = []
     monkeypatch.setattr(overlay, "frame_picture", lambda *given: drawn.append(given) or np.zeros((8, 8, 3), np.uint8))
     for times in (1.0, 1.5):
@@ -132,8 +136,8 @@ def test_the_recordings_picture_shows_the_tables_contact(tmp_path: Path, monkeyp
         np.testing.assert_allclose(one.contact.force_N, times * item.contact.force_N, rtol=1e-6, atol=1e-9)
         assert one.contact.distance_m == pytest.approx(item.contact.distance_m - 0.02 * (times - 1.0))
         assert one.contact.reason == item.contact.reason
-    np.testing.assert_allclose(marks(same_by, same).shape, fitted, atol=0.3)
-    assert np.abs(marks(by, other).shape[-1] - fitted[-1]).max() > 3.0
+    np.testing.assert_allclose(shape(same_by, same), fitted, atol=0.3)
+    assert np.abs(shape(by, other)[-1] - fitted[-1]).max() > 3.0
 
 
 @pytest.fixture(scope="module")

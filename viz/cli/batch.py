@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 from vbaa_calib.core.errors import InputError, clipped, require_extra
 from vbaa_calib.core.files import require_file
-from viz.batch.cluster import Where
 from viz.cli import streams
 from viz.cli.estimate import add_estimator_options
 

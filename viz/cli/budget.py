@@ -13,13 +13,12 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json, refuse_outputs, write_json, write_text
 
 if TYPE_CHECKING:
-    from estimator.budget.budget import BudgetContacts
+    import numpy as np
+
+    from estimator.budget.budget import Budget, BudgetContacts
     from vbaa_calib.rig import Rig
 
-import numpy as np
-
-from estimator.budget.budget import Budget, per_result
-from viz.cli.estimate import FRICTION_RAD
+from .estimate import FRICTION_RAD
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -124,6 +123,9 @@ def _touches(args: argparse.Namespace, rig: Rig) -> BudgetContacts:
 
 def _contacts_as_data(budget: Budget) -> list[dict[str, Any]]:
     """Each contact's standard deviations, m and N, and their contributions by cause."""
+    import numpy as np
+
+    from estimator.budget.budget import per_result
 
     def deviations(row: np.ndarray) -> dict[str, float]:
         return {name: float(np.sqrt(values[0])) for name, values in per_result(row[None]).items()}
@@ -142,4 +144,6 @@ def _contacts_as_data(budget: Budget) -> list[dict[str, Any]]:
 
 def _sum_of(budget: Budget) -> np.ndarray:
     """(B, 6) variances due to all causes together."""
+    import numpy as np
+
     return np.sum(list(budget.variances.values()), axis=0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
 from vbaa_calib.core.robust import MAD_SCALE
@@ -35,6 +34,8 @@ def _row_noise(image: np.ndarray) -> float:
     From second differences of neighbouring rows, averaged in blocks along them: only what the blocks share makes the
     products of different ones positive. The median over rows leaves out the few in which an edge runs along them.
     """
+    import cv2  # slow to load
+
     blocks = SearchSettings.row_blocks
     means = cv2.resize(image.astype(np.float32), (blocks, len(image)), interpolation=cv2.INTER_AREA)
     each = means.reshape(len(image), blocks, -1).mean(axis=2).T
