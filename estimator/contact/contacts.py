@@ -111,7 +111,7 @@ def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch
         friction_rad=friction_rad,
         moment_Nm=moment_Nm,
     )
-    columns = {name: np.empty((count, *shape)) for name, shape in _reported().items()}
+    columns: dict[str, Any] = {name: np.empty((count, *shape)) for name, shape in _reported().items()}
     columns["in_contact"] = np.empty(count, bool)
     places, noticed = core.solver.report(ContactSettings, numbers, placed, SimpleNamespace(**columns), count)
     if not rig.kinematics.axes_known:

@@ -120,9 +120,8 @@ def _measured(frame: Frame, points_px: np.ndarray, sigma_px: np.ndarray, **more:
     for name in ("moment_errors_Nm", "joint_errors_rad"):
         if any(errors := getattr(frame, name)):
             more[name] = np.array(errors)
-    readings = {name: getattr(frame, name) for name in islice(READINGS.values(), 1, None)}
-    joints = frame.pan_rad, frame.tilt_rad
-    return Measured(points_px, sigma_px, frame.moment_Nm, *joints, **readings, time_s=frame.time_s, **more)
+    more |= {name: getattr(frame, name) for name in islice(READINGS.values(), 1, None)}
+    return Measured(points_px, sigma_px, frame.moment_Nm, frame.pan_rad, frame.tilt_rad, time_s=frame.time_s, **more)
 
 
 def prepared(rig: Rig, frame: Still) -> AntennaFinder | None:

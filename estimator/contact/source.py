@@ -195,8 +195,17 @@ def unpacked(
 
 def sample_of(rig: Rig, taken: Iterable[tuple[Frame, FramePictures]], folder: Path) -> list[Still]:
     """Some pictures of each camera from a bag or video, written to files in a folder."""
-    pictured = ((frame, pictures) for frame, pictures in taken if pictures is not None)
-    return [frame for frame, _ in unpacked(rig, thinned(pictured, ContactSettings.sampled_pictures), folder)]
+
+    def judged() -> Iterator[tuple[tuple[Frame, FramePictures], np.ndarray]]:
+        """Each frame with the picture by which it is judged: that of the first camera that has one."""
+        for frame, pictures in taken:
+            several = list(pictures.values()) if isinstance(pictures, Mapping) else [pictures]
+            there = next((one for one in several if one is not None), None)
+            if there is not None:
+                yield (frame, pictures), there
+
+    chosen = (one for one, _ in thinned(judged(), ContactSettings.sampled_pictures))
+    return [frame for frame, _ in unpacked(rig, chosen, folder)]
 
 
 def open_source(path: Path, rig: Rig, no_moment: bool = False, options: StreamOptions | None = None) -> _Source:

@@ -271,7 +271,10 @@ class RecordingWatch:
         own, found = point_scatter(*lines), list[Diagnosis]()
         remedy = "straighten or replace it where it is bent or kinked, and calibrate again"
         stated = max(own, *(each.sigma_factor for each in kept))
-        if stated > OutlierSettings.tolerated:
+        # the rig knows of errors that neighbouring points share, as lines follow the pixels' rows
+        drift, sigma_px = self.rig.drift, float(np.median([np.median(each) for each in lines[1]]))
+        known = math.hypot(drift.line_px, drift.light_px, drift.lock_px) / max(sigma_px, 1e-9)
+        if stated > math.hypot(OutlierSettings.tolerated, known):
             if shared_share(*lines) * stated**2 > self.settings.shared * (stated**2 - 1.0):
                 words = (
                     f"in all pictures alike the points lie {stated:.2g} times further off smooth curves than they may"
@@ -364,10 +367,11 @@ def _lateral_px(clamp: np.ndarray, tip: np.ndarray, lines_px: Sequence[np.ndarra
 
 def _jumps(axis: tuple[np.ndarray, np.ndarray], rows: Sequence[_Pictured], moment_std_Nm: float) -> list[_Jump]:
     """Jumps in ordered rows, except the first and the last; moment_std_Nm : the sensor's noise."""
-    settings, (number, lines_px, sigma_px, read) = RecordingSettings(), zip(*rows, strict=True)
+    settings = RecordingSettings()
     if len(rows) < 3:
         return []
-    lateral, read = _lateral_px(*axis, lines_px), np.array(read)
+    number, lines_px, sigma_px, readings = zip(*rows, strict=True)
+    lateral, read = _lateral_px(*axis, lines_px), np.array(readings)
     around = 0.5 * (lateral[:-2] + lateral[2:])
     size, apart = _unlike(lateral[1:-1], around), _unlike(lateral[:-2], lateral[2:])
     off = np.abs(read[1:-1] - 0.5 * (read[:-2] + read[2:]))

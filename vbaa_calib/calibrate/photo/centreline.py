@@ -1058,7 +1058,7 @@ def _lines(
     planes: np.ndarray, groups: list[list[_RodPath]], ends: list[np.ndarray | None], settings: RodSettings
 ) -> list[_MeasuredRod]:
     """The measured lines of each group of paths: a highlight, a stripe or a ply runs along a rod."""
-    found = []
+    found: list[_MeasuredRod] = []
     for group in groups:
         likely: _MeasuredRod | None = None
         done = False
