@@ -86,6 +86,7 @@ class RecordingWatch:
         self._axis = _image_of_axis(self.rig)
         self._pictures: list[_Pictured] = []  # rows that are yet to be compared, after the last two that were
         self._jumps: list[_Jump] = []
+        self._leaps = 0  # rows with a picture that leaps, whatever the readings do
 
     def push(self, measured: Measured, contact: Contact | None = None) -> None:
         """Add the next row."""
@@ -116,9 +117,9 @@ class RecordingWatch:
 
     def _compare(self) -> None:
         """Search the pending rows for jumps."""
-        if len(self._jumps) < self.settings.most_jumps:
-            found = _jumps(self._axis, self._pictures, self.rig.moment_sensor.std_Nm)
-            self._jumps += found[: self.settings.most_jumps - len(self._jumps)]
+        found, leaps = _jumps(self._axis, self._pictures, self.rig.moment_sensor.std_Nm)
+        self._jumps += found[: self.settings.most_jumps - len(self._jumps)]
+        self._leaps += leaps
         self._pictures = self._pictures[-2:]
 
     def _keep(self, frame: _Kept) -> None:
@@ -244,7 +245,9 @@ class RecordingWatch:
     def _exchanged(self) -> list[int]:
         """Pairs of rows with exchanged pictures."""
         self._compare()
+        # frames that are not a series leap all the time
         seldom = len(self._jumps) <= max(self.settings.seldom * self.count, 2)
+        seldom &= self._leaps <= self.settings.series * self.count
         return [row for pair in _exchanged(self._jumps) for row in pair] if seldom else []
 
     def _of_rows(self) -> list[Diagnosis]:
@@ -365,11 +368,16 @@ def _lateral_px(clamp: np.ndarray, tip: np.ndarray, lines_px: Sequence[np.ndarra
     return found
 
 
-def _jumps(axis: tuple[np.ndarray, np.ndarray], rows: Sequence[_Pictured], moment_std_Nm: float) -> list[_Jump]:
-    """Jumps in ordered rows, except the first and the last; moment_std_Nm : the sensor's noise."""
+def _jumps(
+    axis: tuple[np.ndarray, np.ndarray], rows: Sequence[_Pictured], moment_std_Nm: float
+) -> tuple[list[_Jump], int]:
+    """Jumps in ordered rows, except the first and the last, and how many pictures leap, readings apart.
+
+    moment_std_Nm : the sensor's noise.
+    """
     settings = RecordingSettings()
     if len(rows) < 3:
-        return []
+        return [], 0
     number, lines_px, sigma_px, readings = zip(*rows, strict=True)
     lateral, read = _lateral_px(*axis, lines_px), np.array(readings)
     around = 0.5 * (lateral[:-2] + lateral[2:])
@@ -379,8 +387,10 @@ def _jumps(axis: tuple[np.ndarray, np.ndarray], rows: Sequence[_Pictured], momen
     noise = np.where(joint, settings.varies_rad, settings.varies_std * moment_std_Nm)
     # what is not read says nothing
     smooth = ~(off > np.abs(read[:-2] - read[2:]) + noise).any(axis=1)
-    found = smooth & (size > settings.jumps * apart) & (size > settings.jump_sigma * np.array(sigma_px[1:-1]))
-    return [(number[1 + k], lateral[1 + k], around[k], float(size[k])) for k in np.flatnonzero(found).tolist()]
+    leaps = (size > settings.jumps * apart) & (size > settings.jump_sigma * np.array(sigma_px[1:-1]))
+    found = np.flatnonzero(smooth & leaps).tolist()
+    jumps = [(number[1 + k], lateral[1 + k], around[k], float(size[k])) for k in found]
+    return jumps, int(np.count_nonzero(leaps))
 
 
 def _exchanged(jumps: Sequence[_Jump]) -> list[tuple[int, int]]:
