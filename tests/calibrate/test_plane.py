@@ -229,11 +229,11 @@ def test_the_pose_is_found_within_its_uncertainty(name: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("paint", [0.92, 0.05])
 def test_the_covariance_is_that_of_many_draws(paint: float) -> None:
-    values = [draw(seed, paint) for seed in range(24)]
-    # six degrees of freedom; the mean of 24 has a standard deviation of 0.7
-    assert np.mean(values) == pytest.approx(6.0, abs=2.1)
+    values = np.array([draw(seed, paint) for seed in range(24)])
     # a bright tip over white print is misjudged, by millimetres, in about one draw of these 24
-    assert np.sum(np.array(values) > 30.0) <= 1
+    assert np.sum(values > 30.0) <= 1
+    # six degrees of freedom; the mean of 24 has a standard deviation of 0.7
+    assert np.mean(values[values <= 30.0]) == pytest.approx(6.0, abs=2.1)
 
 
 WAYS = {
