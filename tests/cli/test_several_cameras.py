@@ -178,3 +178,21 @@ def test_a_camera_without_a_picture_drops_out_of_the_frame(made: Path, tmp_path:
     assert "right: there is no picture" in row["reason"]
     _edited(table, lambda lines: [*lines[:3], lines[3].replace("left/frame_0002.png", ""), *lines[4:]])
     assert main(call) == 2
+
+
+def test_each_camera_is_checked_by_its_own_pictures(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The check of a camera answers by its folder; one that the rig lacks is refused by name."""
+    found = {}
+    for name in (*CAMERAS, "behind"):
+        code = main(["check", str(made / "rig.json"), str(made / "session"), "--camera", name, "--json"])
+        printed = capsys.readouterr()
+        if name == "behind":
+            assert code == 2
+            assert "left, right" in printed.err
+        else:
+            found[name] = json.loads(printed.out)
+    for document in found.values():
+        assert document["verdict"] != "does not hold"
+        assert {one["question"] for one in document["session_findings"]} >= {"Is the camera where it was?"}
+    left, right = (document["numbers"] for document in found.values())
+    assert left != right

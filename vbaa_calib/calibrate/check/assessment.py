@@ -343,17 +343,30 @@ class Assessment:
         }
 
 
-def assess(path: Path, session_root: Path | None = None, new: NewPictures | None = None) -> Assessment:
+def assess(
+    path: Path, session_root: Path | None = None, new: NewPictures | None = None, camera: str | None = None
+) -> Assessment:
     """Judge a rig.json by itself, and against a session or new pictures. With new pictures the
     session, or without one rig.json's record, describes jig and board; its own pictures are not read.
 
+    camera : of a rig of several cameras, the one that is judged, by its pictures; the first by default.
+
     Raises InputError for a broken rig or session, pictures of another size than the lens', a session without any of
-    `_PARTS`, and a new picture that the rig was calibrated from.
+    `_PARTS`, a new picture that the rig was calibrated from, and a camera that the rig does not have.
     """
     path = Path(path)
     data = read_json(path)
     rig, quality = Rig.from_dict(data, path), data.get("quality", {})
     session = None if session_root is None else load_session(Path(session_root))
+    if camera is not None and camera != rig.camera_name:
+        if camera not in rig.others:
+            raise InputError(f"no camera {camera}", where=path, remedy=f"it has {', '.join(rig.cameras)}")
+        rig, quality = rig.others[camera], {}  # what is recorded of the pictures is the first camera's
+    if session is not None and session.cameras:
+        if rig.camera_name not in session.cameras:
+            remedy = f"it has {', '.join(session.cameras)}"
+            raise InputError(f"no camera {rig.camera_name}", where=session.root / "session.yaml", remedy=remedy)
+        session = session.of_camera(rig.camera_name)
     nominal = _number_at(quality, "antenna", "nominal_stiffness_Nm2")
     if nominal is None and session is not None:
         nominal = session.antenna.stiffness_Nm2
