@@ -243,6 +243,8 @@ def _at_scheduler(address: str, tls: Mapping[str, Path | None], insecure: bool =
     tls : files by dask's names, ca_file, client_cert and client_key; where one is None, dask's configuration has it.
     Raises InputError without dask, for a scheduler without TLS, and for certificates that are missing or not valid.
     """
+    from viz.batch.cluster import Where
+
     distributed = require_extra("distributed", "batch")
     secure = address.startswith("tls://")
     if not (secure or insecure):
