@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from vbaa_calib.core.robust import MAD_SCALE
+from vbaa_calib.native import core
 
 from .settings import SearchSettings
 
@@ -41,7 +42,7 @@ def _row_noise(image: np.ndarray) -> float:
     each = means.reshape(len(image), blocks, -1).mean(axis=2).T
     bend = each[:, 1:-1] - 0.5 * (each[:, :-2] + each[:, 2:])
     shared = (bend.sum(axis=0) ** 2 - (bend**2).sum(axis=0)) / (blocks * (blocks - 1))
-    return float(MAD_SCALE * np.sqrt(max(np.median(shared), 0.0) / 1.5))
+    return float(MAD_SCALE * np.sqrt(max(core.search.median(shared), 0.0) / 1.5))
 
 
 def _evened(image: np.ndarray, points_px: np.ndarray, reach_px: int) -> tuple[np.ndarray, float]:
@@ -84,6 +85,8 @@ def row_errors(
         return found, None
     along = points_px[step:] - points_px[:-step]
     for axis, rows in ((1, image), (0, np.swapaxes(image, 0, 1))):
+        if np.abs(along[:, axis]).min() > 1.0:
+            continue  # it crosses the rows
         places = np.sort(points_px[:, axis])
         alike = np.searchsorted(places, points_px[:, axis] + 0.5) - np.searchsorted(places, points_px[:, axis] - 0.5)
         if alike.max() < step:
@@ -93,7 +96,7 @@ def row_errors(
         shared = _row_noise(rows[max(int(places[0]) - band, 0) : int(places[-1]) + band + 1])
         own = max(noise**2 - shared**2, 0.25 * noise**2) ** 0.5
         more = sigma_px * across * shared / max(own, 1e-9) * np.sqrt(alike)
-        if image.ndim == 2 and np.median(more) > np.median(sigma_px):
+        if image.ndim == 2 and core.search.median(more) > core.search.median(sigma_px):
             better, left = _evened(rows, points_px if axis else points_px[:, ::-1], reach_px)
             if left < shared:
                 more, evened = more * left / shared, better if axis else np.ascontiguousarray(better.T)
