@@ -297,6 +297,8 @@ def in_markdown(rows: Sequence[Row]) -> str:
     words = []
     for name in TABLES:
         own = [row for row in rows if row.table == name and row.what != CLEAN.what and row.must != NOTHING]
+        if not own:
+            continue
         groups: dict[str, list[str]] = {each: [] for each in ("named", "doubted", "silent", "sometimes named")}
         for what in dict.fromkeys(row.what for row in own):
             several = [row for row in own if row.what == what]
@@ -309,7 +311,7 @@ def in_markdown(rows: Sequence[Row]) -> str:
         words.append(f"**{name.capitalize()}** ({part}{worst}): {'. '.join(lists)}.")
     clean = [row for row in rows if row.what == CLEAN.what]
     counted = ", ".join(f"{row.draws} {row.table}, {100 * row.alarms:.0f} % doubted" for row in clean)
-    return "\n\n".join([*words, f"Nothing wrong: {counted}."])
+    return "\n\n".join([*words, *([f"Nothing wrong: {counted}."] if clean else [])])
 
 
 def _mean(several: Sequence[Row], name: str) -> float:

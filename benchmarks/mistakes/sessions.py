@@ -481,7 +481,7 @@ SAYS = {
     "joint_readings_wrong": "pan|tilt",
     "gravity": "gravity",
     "mirrored": "mirrored",
-    "jig_unit": r"jig.*(cm|mm|inch|turn|sign|unit|exchange)",
+    "jig_unit": r"jig.*(cm|mm|inch|turn|sign|unit|exchange|metres)",
     "camera_moved": "camera.*(moved|turned)",
     "focus_changed": "focus|focal",
     "clamp_slipped": "clamp",

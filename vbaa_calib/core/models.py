@@ -147,7 +147,16 @@ def refusal(
         other = f"is {meant} meant?" if meant else f"the keys here are {', '.join(keys)}" if keys else remedy
         return InputError(f"unknown key {name}", where=where, remedy=other)
     what = f"{quoted(first['input'])} is not {_wanted(first, part)}"
+    if "than" in first["type"] and (unit := _unit_of(name)):
+        remedy = f"give {unit}"  # a number out of all bounds is mostly one in another unit
     return InputError(f"{name}: {what}" if name else what, where=where, remedy=remedy)
+
+
+def _unit_of(name: str) -> str | None:
+    """The unit of a dotted name's number in words, such as metres of `jig.translation_m.1`."""
+    units = {"m": "metres", "rad": "radians", "N": "newtons", "Nm": "newton metres", "s": "seconds", "Pa": "pascals"}
+    stem, _, suffix = next((part for part in reversed(name.split(".")) if not part.isdigit()), "").rpartition("_")
+    return units.get(suffix) if stem else None
 
 
 _UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
