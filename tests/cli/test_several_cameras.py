@@ -184,7 +184,7 @@ def test_each_camera_is_checked_by_its_own_pictures(made: Path, capsys: pytest.C
     """The check of a camera answers by its folder; one that the rig lacks is refused by name."""
     found = {}
     for name in (*CAMERAS, "behind"):
-        code = main(["check", str(made / "rig.json"), str(made / "session"), "--camera", name, "--json"])
+        code = main(["check", str(made / "rig.json"), str(made / "session"), "--camera-name", name, "--json"])
         printed = capsys.readouterr()
         if name == "behind":
             assert code == 2

@@ -26,7 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_joints(new, "the joint's reading with --free")
     new.add_argument("--moment", type=float, metavar="NM", help="the moment's reading with --free (default: not noted)")
     add_watch(parser)
-    parser.add_argument("--camera", metavar="NAME", help="of a rig of several cameras, the one to check (the first)")
+    parser.add_argument("--camera-name", metavar="NAME", help="the camera to check, of several (the first)")
     parser.add_argument("--html", type=Path, metavar="REPORT", help="write a page that opens offline in any browser")
     parser.add_argument("-o", "--output", type=Path, metavar="CHECK", help="check.json to write")
     parser.set_defaults(run=_run)
@@ -55,7 +55,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     if args.jig is not None or args.free is not None:
         new = NewPictures(args.jig, args.free, free.get("pan", 0.0), free.get("tilt", 0.0), free.get("moment"))
     session = None if args.session is None else Path(args.session)
-    document = assess(args.rig, session, new, args.camera).to_dict()
+    document = assess(args.rig, session, new, args.camera_name).to_dict()
     for finding in [*document["session_findings"], *document["findings"]]:
         say(f"{finding['level']:14s} {finding['question']} {finding['words']}")
         if finding["remedy"]:
@@ -78,7 +78,7 @@ def _watched(args: argparse.Namespace) -> dict[str, Any]:
     if args.session is None:
         remedy = "name one, as in vbaa check rig.json camera:0 --watch"
         raise InputError("--watch without a source", where="vbaa check", remedy=remedy)
-    others = {"--jig": args.jig, "--free": args.free, "--moment": args.moment, "--camera": args.camera}
+    others = {"--jig": args.jig, "--free": args.free, "--moment": args.moment, "--camera-name": args.camera_name}
     others |= {"--html": args.html, "--output": args.output}
     if wrong := [name for name, value in others.items() if value is not None]:
         raise InputError(f"{', '.join(wrong)} with --watch", where="vbaa check", remedy="check once, or watch")
