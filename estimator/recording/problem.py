@@ -8,7 +8,6 @@ lines). The own part is eliminated by the Schur complement, so that the work gro
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,10 +25,6 @@ from vbaa_calib.session import KnownObject
 
 from .settings import RefineSettings
 from .views import Pictures
-
-if TYPE_CHECKING:
-    from estimator.solver.linearised import LinearisedFrames
-    from vbaa_calib.session import KnownObject
 
 
 def _known_equations(

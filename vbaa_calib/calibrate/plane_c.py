@@ -163,35 +163,40 @@ def find_plane(session: Session, camera: Camera, board: BoardShape, views: Plane
     scale_std = float(np.hypot(session.print_scale_std, unruled))
     estimates = [inflated(estimate, *_print_doubt(estimate, session, scale_std), common=True) for estimate in estimates]
     apart = differences(estimates, np.zeros((0, 0)) if camera.covariance is None else camera.covariance)
-    _require_agreement(apart, session, camera, jig, [one for one in estimates if one.way != "jig"])
+    _require_agreement(apart, session, camera, jig, estimates)
     return PlaneC(
         tuple(estimates), tuple(apart), jig, sweep, over, _kinematics(session, sweep, estimates), tuple(unused)
     )
 
 
 def _require_agreement(
-    apart: Sequence[Difference], session: Session, camera: Camera, jig: BoardPose | None, others: Sequence[PoseEstimate]
+    apart: Sequence[Difference],
+    session: Session,
+    camera: Camera,
+    jig: BoardPose | None,
+    estimates: Sequence[PoseEstimate],
 ) -> None:
     """Raises InputError where estimates contradict each other, with the likely cause as far as the jig tells it."""
     try:
         require_agreement(apart, session.root)
     except InputError as error:
-        evidence = _jig_evidence(session, camera, jig, others)
+        evidence = _jig_evidence(session, camera, jig, estimates)
         found = [] if evidence is None else jig_diagnoses(evidence)
         named = [replace(one, words=f"{error.what}: {one.words}") for one in found]
         raise because(error, named, session) from None
 
 
 def _jig_evidence(
-    session: Session, camera: Camera, jig: BoardPose | None, others: Sequence[PoseEstimate] = ()
+    session: Session, camera: Camera, jig: BoardPose | None, estimates: Sequence[PoseEstimate]
 ) -> JigEvidence | None:
-    """Evidence on whether the jig's pose is as session.yaml states; None without a jig."""
+    """Evidence on whether the jig's pose is as session.yaml states, by all estimates of the camera's pose; None without
+    a jig."""
     if jig is None or session.T_antenna_board is None:
         return None
     free: Sequence[Still] = ()
     with suppress(InputError):
         free = read_noload(session)
-    return JigEvidence(session, camera, jig, others, free)
+    return JigEvidence(session, camera, jig, [one for one in estimates if one.way != "jig"], free)
 
 
 def jig_causes(
@@ -202,7 +207,7 @@ def jig_causes(
 
     lines : of the antenna, with and without loads; None: the free antenna is searched for where each cause puts it.
     """
-    evidence = _jig_evidence(session, camera, plane.jig, [one for one in plane.estimates if one.way != "jig"])
+    evidence = _jig_evidence(session, camera, plane.jig, plane.estimates)
     return [] if evidence is None else jig_diagnoses(replace(evidence, lines=lines))
 
 
@@ -211,7 +216,7 @@ def is_slip(
 ) -> bool:
     """Whether `jig_causes` found a mistake in session.yaml by the free antenna's lines, and gravity of another
     direction, or none, does not explain them as well."""
-    evidence = _jig_evidence(session, camera, plane.jig, [one for one in plane.estimates if one.way != "jig"])
+    evidence = _jig_evidence(session, camera, plane.jig, plane.estimates)
     if evidence is None or not any(one.name in evidence.limits.slips for one in found):
         return False
     turned = ([replace(one, gravity_m_s2=by * one.gravity_m_s2) for one in lines] for by in (0.0, -1.0))

@@ -470,13 +470,13 @@ def _gravity(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
 # ---- antenna and clamp
 
 
-def _changed(which: list[int], kept: np.ndarray, axes: np.ndarray | None = None) -> Alteration:
-    """An alteration by which the antenna's parameters `which` differ by the values in the observations where `kept`
-    (F,)."""
+def _changed(which: list[int], kept: np.ndarray, axes: np.ndarray) -> Alteration:
+    """An alteration by which the antenna's parameters `which` (K) differ in the observations where `kept` (F,), by
+    the values (Q,) along axes (K, Q)."""
 
     def alter(problem: Problem, v: np.ndarray) -> Problem:
         changes = np.zeros((len(kept), len(PARAMETERS))) if problem.changes is None else problem.changes.copy()
-        changes[np.ix_(kept, np.array(which))] += v if axes is None else axes @ v
+        changes[np.ix_(kept, np.array(which))] += axes @ v
         return replace(problem, changes=changes)
 
     return alter
@@ -485,6 +485,11 @@ def _changed(which: list[int], kept: np.ndarray, axes: np.ndarray | None = None)
 def _pair(fit: RigFit, factor: float, unit: str) -> str:
     (y, z), (y_std, z_std) = factor * fit.values, factor * fit.std
     return f"{y:.2g} ± {y_std:.1g}{unit} y and {z:.2g} ± {z_std:.1g}{unit} z"
+
+
+def _turn(fit: RigFit) -> str:
+    size, std = np.degrees([np.linalg.norm(fit.values), np.linalg.norm(fit.std)])
+    return f"{size:.2g} ± {std:.1g}°"
 
 
 def _since(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
@@ -496,61 +501,55 @@ def _since(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
         order = np.argsort(np.array(times, float), kind="stable").tolist()
     less = float(np.log(max(len(order) - 1, 1)))
     tight = "tighten the clamp, then take no-load frames and loads anew"
+    fasten = "fasten the camera, then take all pictures anew"
     straight = "a load has bent it for good: straighten or replace it, then take all pictures anew with lighter loads"
 
-    kinds = (
-        ("clamp_slipped", [0, 1], s.slip_m, "the clamp has moved by {}", (1e3, " mm along"), tight),
-        ("clamp_slipped", [2, 3], s.slip_rad, "the clamp has turned by {}", (1e3, " mrad about"), tight),
-        (
-            *("antenna_bent_between", [4, 5], s.bow / witness.problem.length_m),
-            *("the antenna is bent by {} more than before,", (1.0, " per m about"), straight),
-        ),
-    )
     # a camera that turns about its centre looks like a clamp that turns about it the other way
     x, y, z = witness.problem.prior.start.translation_m
-    turns = np.array([[-z, 0.0, x], [y, -x, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
-    clamp = [0, 1, 2, 3]
+    by_turn = np.array([[-z, 0.0, x], [y, -x, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
+    moved, mrad, bent = (
+        partial(_pair, factor=by, unit=u) for by, u in ((1e3, " mm along"), (1e3, " mrad about"), (1.0, " per m about"))
+    )
+    # name, the antenna's parameters, how the values change them, their standard deviation, log odds, words, their size
+    kinds = (
+        ("clamp_slipped", [0, 1], np.eye(2), s.slip_m, 0.0, "the clamp has moved by {}", moved, tight),
+        ("clamp_slipped", [2, 3], np.eye(2), s.slip_rad, 0.0, "the clamp has turned by {}", mrad, tight),
+        (
+            *("antenna_bent_between", [4, 5], np.eye(2), s.bow / witness.problem.length_m, 0.0),
+            *("the antenna is bent by {} more than before,", bent, straight),
+        ),
+        # what it has in common with a clamp that slipped is the clamp's
+        ("camera_turned", [0, 1, 2, 3], by_turn, s.turn_rad, -1.0, "the camera has turned by {}", _turn, fasten),
+    )
     ends = np.cumsum([0, *map(len, witness.problem.seen_at_lens)])
     tips = witness.problem.tips
     for split in range(1, len(order)):
         later = np.zeros(len(order), bool)
         later[order[split:]] = True
 
-        def slopes(
-            jacobian: np.ndarray, which: list[int], turns: np.ndarray | None = None, later: np.ndarray = later
-        ) -> np.ndarray:
+        def slopes(jacobian: np.ndarray, which: list[int], axes: np.ndarray, later: np.ndarray = later) -> np.ndarray:
             rows = np.zeros(len(jacobian), bool)
             for index in np.flatnonzero(later).tolist():
                 rows[ends[index] : ends[index + 1]] = True
             first = ends[-1] + 6 * len(witness.problem.prior.poses)
             rows[first : first + len(tips)] = later[tips]
-            found = np.where(rows[:, None], jacobian[:, [6 + each for each in which]], 0.0)
-            return found if turns is None else found @ turns
+            return np.where(rows[:, None], jacobian[:, [6 + each for each in which]], 0.0) @ axes
 
         since = f"from {name_of(observations, order[split])} on"
-        for name, which, std, words, unit, remedy in kinds:
+        for name, which, axes, std, log_odds, words, size, remedy in kinds:
 
             def says(
                 fit: RigFit,
                 name: str = name,
                 words: str = f"{words} {since}",
-                unit: tuple[float, str] = unit,
+                size: Callable[[RigFit], str] = size,
                 remedy: str = remedy,
             ) -> Diagnosis:
-                return Diagnosis(name, words.format(_pair(fit, *unit)), remedy, "wrong")
+                return Diagnosis(name, words.format(size(fit)), remedy, "wrong")
 
-            alter = _changed(which, later)
-            by = partial(slopes, which=which)
-            yield _Mistake(alter, says, (std, std), s.mistake - less, slopes=by)
-
-        def turned(fit: RigFit, since: str = since) -> Diagnosis:
-            size, std = np.degrees([np.linalg.norm(fit.values), np.linalg.norm(fit.std)])
-            words = f"the camera has turned by {size:.2g} ± {std:.1g}° {since}"
-            return Diagnosis("camera_turned", words, "fasten the camera, then take all pictures anew", "wrong")
-
-        by = partial(slopes, which=clamp, turns=turns)
-        # what it has in common with a clamp that slipped is the clamp's
-        yield _Mistake(_changed(clamp, later, turns), turned, (s.turn_rad,) * 3, s.mistake - less - 1.0, slopes=by)
+            alter, by = _changed(which, later, axes), partial(slopes, which=which, axes=axes)
+            prior_std = (std,) * axes.shape[1]
+            yield _Mistake(alter, says, prior_std, s.mistake - less + log_odds, slopes=by)
 
 
 def _antenna(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
