@@ -13,7 +13,7 @@ CXX_FILES := $(wildcard $(addprefix vbaa_calib/native/, *.?pp src/*.?pp src/*/*.
 CORE := $(CXX_FILES) vbaa_calib/native/CMakeLists.txt vbaa_calib/native/build.py
 CONFIGURE := $(BIN)/cmake -S vbaa_calib/native -G Ninja -DPython_EXECUTABLE=$(abspath $(BIN)/python)
 
-.PHONY: demo test test-slow fuzz kills soak sanitize processors docs docs-pictures sbom lint install gl clean
+.PHONY: demo test test-slow fuzz kills sanitize processors docs docs-pictures sbom lint install gl clean
 .DEFAULT_GOAL := test
 
 install: $(INSTALLED)
@@ -54,10 +54,6 @@ fuzz: $(INSTALLED)
 # two thousand kills of the verbs that write: half an hour
 kills: $(INSTALLED)
 	$(BIN)/python -m tests.cli.killer --kills 2000
-
-# long runs, in which memory and open files must not grow: hours; PART=0.1 for a tenth of each
-soak: $(INSTALLED)
-	$(BIN)/python -m benchmarks.soak $(if $(PART),--part $(PART))
 
 # the same answers as on other processors? twenty minutes; with PHOTOGRAPHS=DIR the real sets' lenses, too
 processors: $(INSTALLED)

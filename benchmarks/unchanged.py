@@ -31,7 +31,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = ("demo", "upright_knife", "steep_sphere")
 PARTS = ("scenes", "hostile", "bench")
-SUBJECTS = ("metric", "calibration", "vision", "estimator", "object", "chain", "guided", "coverage", "paper")
+SUBJECTS = ("metric", "calibration", "vision", "estimator", "object", "chain", "coverage", "paper")
 """Those whose tables are not timings alone."""
 _CLOCK = re.compile(
     r"(^|_)(s|ms|us|seconds|read|live|batch)(_|$)|per_s$|us_per|_ms$|(^|_)time|^ratio$|MB|share|typical|exponent"

@@ -1,4 +1,4 @@
-"""`vbaa bench estimator`: contacts against the Cramér–Rao bound, hard cases, several cameras, random scenes."""
+"""`vbaa bench estimator`: contacts against the Cramér–Rao bound, hard cases, random scenes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 from benchmarks.harness import Findings, Options
 
-from . import cameras, grid, hard, rods
+from . import grid, hard, rods
 
 _MATCHED = "elastica"
 """The rung without error on the grid's straight, weightless antenna: the grid is to show noise, not the ladder."""
@@ -21,16 +21,14 @@ def measure(options: Options) -> Findings:
     populations, per_draw = (rods.FIRST_LOOK, 0.5) if quick else (rods.POPULATIONS, 2.0)
     real = rods.run(max(int(per_draw * draws), 6), seed, chosen=populations)
     cases = hard.run(max(draws // 2, 4), seed)
-    several = cameras.run(10 * draws, seed)
     random = hard.hostile((50 if quick else 100) * draws, seed)
     texts = (
         grid.grid_text(cells, lines),
         rods.rod_text(real),
         hard.hard_text(cases),
-        cameras.cameras_text(several),
         hard.hostile_text(random),
     )
-    found: dict[str, Sequence[Any]] = {"grid": cells, "rods": real, "hard": cases, "cameras": several, "random": random}
+    found: dict[str, Sequence[Any]] = {"grid": cells, "rods": real, "hard": cases, "random": random}
     told = {line.measure: line for line in lines if line.quantity == "l"}
     headline = "no kind of scene could be judged"
     if told:

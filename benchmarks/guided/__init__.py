@@ -1,1 +1,0 @@
-"""Suggested pictures of the board."""

@@ -1,1 +1,0 @@
-"""The race: place and force of contacts by every method, on the same frames."""
