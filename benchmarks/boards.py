@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.board_faults import SCATTERED, VIEW, Corners, spoilt
 from targets.board import BoardSpec, corner_points
 from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, refine
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, DistortionModel, camera_of
@@ -27,6 +26,76 @@ _CORNER_PX = 0.15
 _OUTLIER_PX = (2.0, 20.0)
 _LEAST_COSINE = 0.1
 """Of the angle off the axis: a corner further out is not seen."""
+SCATTERED, MARKER, SWAPPED, MIRRORED, ROW, VIEW = FAULTS = "scattered", "marker", "swapped", "mirrored", "row", "view"
+"""How gross errors come: each corner on its own, or in groups."""
+_PATCH = (3, 4)
+"""Corners along a side of what a reflection mirrors, fewest and most."""
+_TRIES = 50
+
+
+@dataclass(frozen=True, eq=False)
+class Corners:
+    """All corners of a board, row by row: pixels (C, 2), ids (rows, columns), which are seen (C,)."""
+
+    pixels: np.ndarray
+    ids: np.ndarray
+    seen: np.ndarray
+
+    def some(self, height: int, width: int, rng: np.random.Generator) -> np.ndarray:
+        """(height, width) ids of corners side by side."""
+        row, column = (rng.integers(size - own + 1) for size, own in zip(self.ids.shape, (height, width), strict=True))
+        return self.ids[row : row + height, column : column + width]
+
+    def fault(
+        self, kind: str, sizes_px: tuple[float, float], rng: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Ids (n,) of corners that are wrong together, and where they are seen instead (n, 2)."""
+        if kind == MARKER:  # misread: the four corners around it are shifted together
+            ids = self.some(2, 2, rng).ravel()
+            return ids, self.pixels[ids] + shifts(1, sizes_px, rng)
+        if kind == SWAPPED:  # two ids are exchanged
+            ids = rng.choice(np.flatnonzero(self.seen), 2, replace=False)
+            return ids, self.pixels[ids[::-1]]
+        if kind == MIRRORED:  # a reflection: a patch is seen mirrored, where it is; its middle column stays
+            patch = self.some(*rng.integers(_PATCH[0], np.minimum(self.ids.shape, _PATCH[1]) + 1), rng)
+            return patch.ravel(), self.pixels[patch[:, ::-1].ravel()]
+        if kind == ROW:  # counted from a wrong marker: all its corners are one square off
+            ids = self.some(1, self.ids.shape[1], rng)[0]
+            own = self.pixels[ids]
+            return ids, np.vstack([own[1:], 2.0 * own[-1] - own[-2]])
+        # all ids are wrong: mirrored, or in any order
+        ids, mirrored = np.flatnonzero(self.seen), self.ids[:, ::-1].ravel()[self.seen]
+        others = mirrored if self.seen[mirrored].all() and rng.random() < 0.5 else rng.permutation(ids)
+        return ids, self.pixels[others]
+
+
+def shifts(count: int, sizes_px: tuple[float, float], rng: np.random.Generator) -> np.ndarray:
+    """(count, 2) in any direction; sizes over a decade or more are drawn with uniform logarithms."""
+    angle, (least, most) = rng.uniform(0, 2 * np.pi, count), sizes_px
+    wide = most > 10.0 * least
+    length = np.exp(rng.uniform(np.log(least), np.log(most), count)) if wide else rng.uniform(least, most, count)
+    return length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def spoilt(
+    corners: Corners, kind: str, share: float, sizes_px: tuple[float, float], rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (C, 2) of which a share, in the mean, is wrong; which are (C,). sizes_px : least and largest shift."""
+    count, moved = int(corners.seen.sum()), corners.pixels.copy()
+    if kind == SCATTERED:
+        chosen, by = rng.random(count) < share, shifts(count, sizes_px, rng)
+        moved[np.flatnonzero(corners.seen)[chosen]] += by[chosen]
+        return moved, np.any(moved != corners.pixels, axis=1)
+    left = rng.binomial(count, share)
+    for _ in range(_TRIES):
+        ids, where = corners.fault(kind, sizes_px, rng)
+        # the last one as often as makes the share right
+        if rng.random() * len(ids) >= left:
+            break
+        if not np.any(moved[ids] != corners.pixels[ids]):
+            moved[ids] = where
+            left -= int((corners.seen[ids] & np.any(where != corners.pixels[ids], axis=1)).sum())
+    return moved, np.any(moved != corners.pixels, axis=1)
 
 
 def bent_corners(sagittas_m: tuple[float, float], twist_m: float = 0.0, spec: BoardSpec = BOARD) -> np.ndarray:
@@ -49,42 +118,24 @@ def noisy_view(
 
 
 @dataclass(frozen=True, eq=False)
-class Optics:
-    """A camera with its true lens.
+class Rig:
+    """A camera, how a board is shown to it, and what is wrong with the board and with its corners.
 
     lens : name of the true lens model. intrinsics : (4 + k,) its true parameters.
-    """
-
-    name: str
-    lens: str
-    image_size: tuple[int, int]
-    intrinsics: np.ndarray
-
-    @property
-    def model(self) -> DistortionModel:
-        """The true lens model."""
-        return LENS_MODELS[self.lens]
-
-    @property
-    def camera(self) -> Camera:
-        """The true camera."""
-        return camera_of(self.model, self.intrinsics, self.image_size)
-
-
-@dataclass(frozen=True, eq=False)
-class Rig(Optics):
-    """How a board is shown to a camera, and what is wrong with the board and with its corners.
-
     views : how many. outliers : share of the corners that are grossly wrong, outlier_px : by so much. faults : how
         they hang together, of `FAULTS`.
     sagittas_m, twist_m : bend of the board along x and y, rise of its corners (1, 1), (-1, -1) above the other two.
     stretch : by how much the print is too long along x and y, shear : by how much its y leans towards x.
     spec : the board. fill : share of the picture that it fills, 1 for about half.
     noise_px : standard deviation of a corner, per axis; of each view its own by a factor whose logarithm has the
-        deviation blur. tails : degrees of freedom of Student's t, whose deviation is held; infinite for normal noise.
+        deviation blur. tails : degrees of freedom of Student's t, of the same deviation; infinite for normal noise.
     motion_px : standard deviation of what the board moves while a view is read out, from its first row to its last.
     """
 
+    name: str
+    lens: str
+    image_size: tuple[int, int]
+    intrinsics: np.ndarray
     views: int
     outliers: float = 0.0
     sagittas_m: tuple[float, float] = (0.0, 0.0)
@@ -99,6 +150,16 @@ class Rig(Optics):
     blur: float = 0.0
     tails: float = np.inf
     motion_px: float = 0.0
+
+    @property
+    def model(self) -> DistortionModel:
+        """The true lens model."""
+        return LENS_MODELS[self.lens]
+
+    @property
+    def camera(self) -> Camera:
+        """The true camera."""
+        return camera_of(self.model, self.intrinsics, self.image_size)
 
     @property
     def board_points_m(self) -> np.ndarray:
@@ -144,7 +205,7 @@ def draw(rig: Rig, seed: int) -> Draw:
     while len(found.views) < rig.views:
         pose = _pose(rig, rng)
         space = pose @ points
-        pixels = camera_of(rig.model, rig.intrinsics, rig.image_size).project(space)[0]
+        pixels = rig.camera.project(space)[0]
         ahead = space[:, 2] > _LEAST_COSINE * np.linalg.norm(space, axis=1)
         seen = ahead & np.all((pixels > 0) & (pixels < np.array(rig.image_size) - 1), axis=1)
         if seen.sum() < min(20, 0.6 * len(points)):
@@ -208,29 +269,26 @@ def error_mm(camera: Camera, truth: Camera, from_jig: bool = False) -> float:
     a board in the jig gives it, which takes up much of a lens' error. Points outside the true picture do not count; a
     pixel that has no ray counts as 100 mm.
     """
-    T_camera_plane, points, pixels = seen_on_plane(truth)
-    if from_jig:
-        T_camera_plane = jig_pose(camera, T_camera_plane, points, pixels)
-    return rms_on_plane_mm(camera, T_camera_plane, points, pixels)
+    return rms_on_plane_mm(camera, *seen_on_plane(truth, camera if from_jig else None))
 
 
-def seen_on_plane(truth: Camera) -> tuple[Pose, np.ndarray, np.ndarray]:
-    """T_camera_plane of C, the points (M, 2) m on it that the picture shows, and their pixels (M, 2)."""
+def seen_on_plane(truth: Camera, solved_by: Camera | None = None) -> tuple[Pose, np.ndarray, np.ndarray]:
+    """T_camera_plane of C, the points (M, 2) m on it that the picture shows, and their pixels (M, 2).
+
+    solved_by : a camera by which the pose is solved from these points; without it, it is the true one.
+    """
     x, y = (np.linspace(-0.5, 0.5, count) * side for count, side in zip(_GRID, _SIDES_M, strict=True))
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     pixels, valid = truth.project(_T_CAMERA_PLANE @ on_plane(points))
     inside = valid & truth.in_picture(pixels)
-    return _T_CAMERA_PLANE, points[inside], pixels[inside]
+    points, pixels = points[inside], pixels[inside]
+    found = solved_by and pose_by(solved_by, _T_CAMERA_PLANE, BoardCorners(on_plane(points), pixels))
+    return found or _T_CAMERA_PLANE, points, pixels
 
 
 def on_plane(points_m: np.ndarray) -> np.ndarray:
     """(M, 3) points (M, 2) of a plane in its frame."""
     return np.column_stack([points_m, np.zeros(len(points_m))])
-
-
-def jig_pose(camera: Camera, start: Pose, points_m: np.ndarray, pixels: np.ndarray) -> Pose:
-    """T_camera_plane as this camera has it, by points (M, 2) of the plane exactly seen at pixels (M, 2)."""
-    return pose_by(camera, start, BoardCorners(on_plane(points_m), pixels))
 
 
 def rms_on_plane_mm(camera: Camera, T_camera_plane: Pose, points_m: np.ndarray, pixels: np.ndarray) -> float:

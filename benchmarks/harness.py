@@ -98,6 +98,11 @@ def rms_known(values: np.ndarray) -> float:
     return rms(values[np.isfinite(values)])
 
 
+def mean_known(values: np.ndarray) -> float:
+    """Of what is finite; NaN of nothing."""
+    return mean(values[np.isfinite(values)])
+
+
 def or_none(value: float | np.floating) -> float | None:
     """The number; None for NaN or infinity."""
     return float(value) if np.isfinite(value) else None

@@ -26,12 +26,12 @@ _DPI = 110
 
 @dataclass(frozen=True)
 class Subject:
-    """One subject of subjects.yaml, measured by `measure(options)` of the module `benchmarks.NAME.NAME`.
+    """One subject of subjects.yaml, measured by `measure(options)` of its module.
 
     about : one line of help. draw : what a draw is, in words. draws : how many, usually and with --quick.
     left : tables (.csv) and figures (.png) that it leaves (default: NAME.csv NAME.png). least : fewest draws that say
     anything. suite : whether `vbaa bench` without a subject runs it. jobs : whether it can use more than one process.
-    packages : those whose versions are named beside ours.
+    packages : those whose versions are named beside ours. module : in `benchmarks`, if it is not called NAME.
     """
 
     name: str
@@ -43,6 +43,7 @@ class Subject:
     suite: bool = False
     jobs: bool = False
     packages: str = "numpy scipy opencv-contrib-python-headless torch"
+    module: str = ""
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -126,7 +127,7 @@ def _measured(args: argparse.Namespace, subject: Subject) -> tuple[dict[str, Any
     draws = args.draws or subject.draws[args.quick]
     options = Options(args.seed, draws, args.quick, args.jobs if subject.jobs else 1, args.against)
     begun = time.perf_counter()
-    measure: Callable[[Options], Findings] = import_module(f"benchmarks.{subject.name}.{subject.name}").measure
+    measure: Callable[[Options], Findings] = import_module(f"benchmarks.{subject.module or subject.name}").measure
     found = measure(options)
     ran_on = machine(subject.packages.split(), found.versions)
     quick = ", quick" if args.quick else ""

@@ -16,9 +16,10 @@ import cv2
 import numpy as np
 
 from benchmarks import boards
-from benchmarks.calibration.methods import AUTO, methods, versions
+from benchmarks.calibration import AUTO, PEERS, methods
 from benchmarks.estimator.baselines import one_contact
 from benchmarks.harness import Findings, Options, column, or_none, processor_seconds, table
+from benchmarks.peers import versions
 from estimator.table.contacts import FRICTION_RAD
 from targets.board import BoardSpec, opencv_board
 from vbaa_calib.core.console import progress, say
@@ -260,4 +261,4 @@ def measure(options: Options) -> Findings:
     missed = [f"{one.work} beside {one.beside}" for one in barred if (one.times or 0.0) < (one.bar or 0.0)]
     text = f"{missing}{table(rows, title, once=2)}\n{installed()}\nbars missed: {'; '.join(missed) or 'none'}"
     headline = f"{len(barred) - len(missed)} of {len(barred)} bars reached"
-    return Findings(text, {"waiting.csv": rows}, {}, {"rows": rows}, headline, versions())
+    return Findings(text, {"waiting.csv": rows}, {}, {"rows": rows}, headline, versions(tuple(PEERS)))

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
 import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from benchmarks.calibration.methods import INTERPRETERS, MARK, interpreter_of, version_in
 from benchmarks.estimator.setup import GRAVITY_WORLD_M_S2, LENGTH_M, Setup
 from benchmarks.harness import Findings, Options, column, table
+from benchmarks.peers import INTERPRETERS, answers, interpreter_of, versions
 from vbaa_calib.antenna.rod import solve_rod
 from vbaa_calib.core.console import progress
+from vbaa_calib.core.errors import SolveError
 from vbaa_calib.export.simulators import _ExportSettings as ExportSettings
 from vbaa_calib.export.simulators import export
 from vbaa_calib.rig import Rig
@@ -53,23 +51,13 @@ def _antennas(quick: bool) -> dict[str, Rig]:
 
 def measure(options: Options) -> Findings:
     """Random joint angles and forces at the tip."""
-    interpreters = {simulator: interpreter_of(package) for simulator, (package, _) in _PEERS.items()}
     antennas = _antennas(options.quick)
     counts = (ExportSettings.segments,) if options.quick else (20, ExportSettings.segments, 80)
-    present = [name for name, found in interpreters.items() if found]
+    present = [name for name, (package, _) in _PEERS.items() if interpreter_of(package)]
+    absent = [name for name in _PEERS if name not in present]
     every = [(simulator, antenna, count) for simulator in present for antenna in antennas for count in counts]
-    rows: list[Row] = []
-    for what in progress(every, "antennas at rest"):
-        simulator, antenna, segments = what
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder, _PEERS[simulator][1])
-            export(antennas[antenna], simulator, path, segments=segments)
-            rows.append(_row(what, antennas[antenna], (interpreters[simulator] or "", str(path)), options))
-    absent = [name for name in interpreters if name not in present]
+    rows = [_row(what, antennas[what[1]], options) for what in progress(every, "antennas at rest")]
     rows += [Row(name, "absent", 0, 0, *[float("nan")] * 5) for name in absent]
-    versions = {
-        name: f"{version_in(found, _PEERS[name][0])}" if found else "absent" for name, found in interpreters.items()
-    }
     text = table(rows, "tips against the static rod, under gravity and a force at the tip", once=2)
     if absent:
         text += f"\n{' and '.join(absent)}: absent ({INTERPRETERS} names the interpreter that has it)"
@@ -77,52 +65,45 @@ def measure(options: Options) -> Findings:
     most = max((row.worst for row in of_default), default=float("nan"))
     headline = f"tips at most {100 * most:.3f} % of L from the rod (0.1 %)" if present else "no simulator here"
     numbers = {"worst": most, "within": bool(most < _LIMIT), "absent": absent}
-    return Findings(text, {"simulators.csv": rows}, {}, numbers, headline, versions)
+    packages = tuple(package for package, _ in _PEERS.values())
+    return Findings(text, {"simulators.csv": rows}, {}, numbers, headline, versions(packages))
 
 
-def _row(what: tuple[str, str, int], rig: Rig, call: tuple[str, str], options: Options) -> Row:
-    rng, rod = np.random.default_rng(options.seed), rig.antenna.rod
-    in_world = what[0] == "mujoco"
-    angles = rng.uniform(-0.6, 0.6, (options.draws, 2)) if in_world else np.zeros((options.draws, 2))
-    force = (
-        rng.normal(size=(options.draws, 3)) * [0.3, 1.0, 1.0] * _MOST_SLOPE * rod.bending_stiffness_Nm2 / LENGTH_M**2
-    )
+def _row(what: tuple[str, str, int], rig: Rig, options: Options) -> Row:
+    """A simulator, an antenna and its segments: the loads in it and by the rod."""
+    rng, rod, draws = np.random.default_rng(options.seed), rig.antenna.rod, options.draws
+    (package, file), in_world = _PEERS[what[0]], what[0] == "mujoco"
+    angles = rng.uniform(-0.6, 0.6, (draws, 2)) if in_world else np.zeros((draws, 2))
+    force = rng.normal(size=(draws, 3)) * [0.3, 1.0, 1.0] * _MOST_SLOPE * rod.bending_stiffness_Nm2 / LENGTH_M**2
     force[0] = 0.0
     turns, places = rig.kinematics.world_antenna(*angles.T)
     gravity = np.einsum("i,bij->bj", rig.gravity_world_m_s2, turns)
-    ours = solve_rod(rod, gravity, np.full(options.draws, rod.length_m), force)
-    tips, free = ours.points_m[:, -1], solve_rod(rod, 0.0 * gravity, np.full(options.draws, rod.length_m), 0.0 * force)
+    ends = np.full(draws, rod.length_m)
+    ours, free = solve_rod(rod, gravity, ends, force), solve_rod(rod, 0.0 * gravity, ends, 0.0 * force)
+    tips = ours.points_m[:, -1]
     deflection = np.linalg.norm(tips - free.points_m[:, -1], axis=1)
     if in_world:
         tips = np.einsum("bij,bj->bi", turns, tips) + places
         force = np.einsum("bij,bj->bi", turns, force)
-    answers = _answers(what[0], call, angles, force)
-    off = np.linalg.norm(np.array([one["tip_m"] for one in answers]) - tips, axis=1) / rod.length_m
-    moments = np.array([np.nan if one["moment_Nm"] is None else one["moment_Nm"] for one in answers])
-    moment_off = float(np.abs(moments + ours.clamp_moment_Nm[:, 1]).max())
+    loads = [
+        {"pan": pan, "tilt": tilt, "force_N": one}
+        for (pan, tilt), one in zip(angles.tolist(), force.tolist(), strict=True)
+    ]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, file)
+        export(rig, what[0], path, segments=what[2])
+        found, failure = answers(package, loads, str(path))
+    failure = next((one["failure"] for one in found if "failure" in one), failure if len(found) < draws else "")
+    if failure:
+        raise SolveError(f"{what[0]}: {failure}")
+    off = np.linalg.norm(np.array([one["tip_m"] for one in found]) - tips, axis=1) / rod.length_m
+    moments = np.array([np.nan if one["moment_Nm"] is None else one["moment_Nm"] for one in found])
     return Row(
         *what,
-        options.draws,
-        float(deflection.max()) / rod.length_m,
-        float(np.median(off)),
-        float(off.max()),
-        moment_off,
-        float(np.mean([one["seconds"] for one in answers])),
+        draws,
+        deflection=float(deflection.max()) / rod.length_m,
+        median=float(np.median(off)),
+        worst=float(off.max()),
+        moment_Nm=float(np.abs(moments + ours.clamp_moment_Nm[:, 1]).max()),
+        seconds=float(np.mean([one["seconds"] for one in found])),
     )
-
-
-def _answers(
-    simulator: str, call: tuple[str, str], angles_rad: np.ndarray, force_N: np.ndarray
-) -> list[dict[str, Any]]:
-    """What the simulator says of joint angles (B, 2) and forces (B, 3)."""
-    interpreter, path = call
-    loads = [
-        json.dumps({"pan": pan, "tilt": tilt, "force_N": force})
-        for (pan, tilt), force in zip(angles_rad.tolist(), force_N.tolist(), strict=True)
-    ]
-    script = Path(__file__).with_name("peer_script.py")
-    done = subprocess.run(
-        [interpreter, str(script), simulator, path], input="\n".join(loads), capture_output=True, text=True, check=True
-    )
-    lines = [line.partition(MARK)[2] for line in done.stdout.splitlines() if MARK in line]
-    return [json.loads(line) for line in lines]

@@ -1,1 +1,0 @@
-"""Lenses from corners."""

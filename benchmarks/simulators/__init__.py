@@ -1,1 +1,0 @@
-"""The exported antenna at rest in other simulators, beside our rod."""
