@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from vbaa_calib.core.images import SUFFIXES, list_images, read_gray
+from vbaa_calib.core.images import SUFFIXES, as_levels, list_images, read_gray
 
 GRAY = np.random.default_rng(0).integers(0, 256, (120, 160), np.uint8)
 LOSSLESS = [suffix for suffix in SUFFIXES if not suffix.startswith(".jp")]
@@ -50,6 +50,27 @@ def test_colour_and_16_bits_become_gray_and_8_bits(tmp_path: Path, pixels: np.nd
 def test_a_12_bit_sensor_in_a_16_bit_file_is_not_dark(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "a.png"), GRAY.astype(np.uint16) * 16)
     assert np.abs(read_gray(tmp_path / "a.png").astype(int) - GRAY).max() <= 1
+
+
+@pytest.mark.parametrize("pattern", ["BG", "GB", "RG", "GR"])
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+def test_a_demosaiced_picture_has_what_was_measured_where_it_is_grey(pattern: str, kind: type) -> None:
+    """Interpolated values move lines along rows; colours stay, and what is no linear demosaicing is left alone."""
+    one = 1 if kind is np.uint8 else 16
+    light = 128 - 60 * np.exp(-((np.arange(96)[:, None] - 41.3) ** 2) / 3)
+    sampled = np.random.default_rng(1).normal(light * one, 3 * one, (96, 128)).round().astype(kind)
+    demosaiced = getattr(cv2, f"COLOR_Bayer{pattern}2BGR")
+    inside = (slice(1, -1), slice(1, -1))
+    scale = 1.0 if one == 1 else 255.0 / 4095.0
+    seen = as_levels(cv2.cvtColor(sampled, demosaiced))
+    np.testing.assert_allclose(seen[inside], (sampled * scale)[inside], rtol=1e-6)
+    red = cv2.cvtColor(sampled, demosaiced)
+    red[48:64, 64:80, 2] //= 2
+    seen = as_levels(red)
+    np.testing.assert_allclose(seen[49:63, 65:79], red[49:63, 65:79] * scale, rtol=1e-6)
+    np.testing.assert_allclose(seen[1:40, 1:60, 0], (sampled * scale)[1:40, 1:60], rtol=1e-6)
+    blurred = cv2.GaussianBlur(cv2.cvtColor(sampled, demosaiced), (3, 3), 0)
+    assert as_levels(blurred).ndim == 3
 
 
 def test_pictures_are_listed_by_name(tmp_path: Path) -> None:

@@ -65,8 +65,45 @@ def read_picture(path: Path, data: bytes | None = None) -> np.ndarray:
 
 
 def as_levels(pixels: np.ndarray) -> np.ndarray:
-    """8-bit pixels unchanged; 16-bit ones as float32 from 0 to 255, scaled as `read_gray` does."""
+    """8-bit pixels unchanged; 16-bit ones as float32 from 0 to 255, scaled as `read_gray` does. Where a demosaiced
+    picture is grey it has what the sensor measured: interpolated values move lines that follow its rows."""
+    pixels = _as_sampled(pixels)
     return pixels if pixels.dtype == np.uint8 else _scaled(pixels, np.asarray, np.float32)
+
+
+def _as_sampled(pixels: np.ndarray, cell_px: int = 8, chroma: float = 0.05) -> np.ndarray:
+    """A picture (H, W, 3) in which a colour filter's samples were interpolated linearly, with each pixel's own sample
+    in all channels where it is grey; (H, W) if all of it is. Others unchanged.
+
+    cell_px, chroma : a cell is coloured where its mean channels differ by more than that part of the brightest pixel:
+    a line of fewer colours is moved by less than 0.02 px.
+    """
+    if pixels.ndim < 3 or min(pixels.shape[:2]) < 2 * cell_px:
+        return pixels
+    # rows from all over it, with their neighbours: interpolated green is the mean of four, red and blue at each other's
+    # samples that of the four at the corners, which noise alone is not
+    first = 2 * np.linspace(0, (len(pixels) - 4) // 2, 24).astype(int)
+    some = pixels[first[:, None] + np.arange(4)].astype(np.int32)
+    own, up, down = some[:, 1:-1], some[:, :-2], some[:, 2:]
+    means = (up + down)[:, :, 1:-1] + own[:, :, :-2] + own[:, :, 2:], (up + down)[:, :, :-2] + (up + down)[:, :, 2:]
+    blue, green, red = (
+        # by the parities of row and column
+        np.array([[exact[:, 1 - i :: 2, 1 - j :: 2].mean() for j in (0, 1)] for i in (0, 1)])
+        for exact in (np.abs(4 * own[:, :, 1:-1] - means[c != 1])[..., c] <= 2 for c in range(3))
+    )
+    at_red, at_blue = np.argwhere((green > 0.9) & (blue > 0.9)), np.argwhere((green > 0.9) & (red > 0.9))
+    if len(at_red) != 1 or len(at_blue) != 1 or (at_red == at_blue).any() or np.sort(green, axis=None)[1] > 0.8:
+        return pixels
+    sampled = pixels[..., 1].copy()
+    for channel, (row, column) in ((2, at_red[0]), (0, at_blue[0])):
+        sampled[row::2, column::2] = pixels[row::2, column::2, channel]
+    height, width = (side // cell_px for side in pixels.shape[:2])
+    cells = cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA)
+    coloured = (np.ptp(cells, axis=2) > chroma * float(pixels.max())).astype(np.uint8)
+    if not coloured.any():
+        return sampled
+    kept = cv2.resize(coloured, pixels.shape[1::-1], interpolation=cv2.INTER_NEAREST)
+    return np.where(kept[..., None] > 0, pixels, sampled[..., None])
 
 
 def _scaled(pixels: np.ndarray, rounded: Callable[[np.ndarray], np.ndarray], kind: type[np.generic]) -> np.ndarray:
