@@ -33,8 +33,8 @@ CXX_CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b(?=[^=;(,]*=)")
 MOST = {
     "module constants": 893,
     "class names used twice": 0,
-    "classes": 482,
-    "public names": 1120,
+    "classes": 465,
+    "public names": 1115,
     "private words": 53,
     "type: ignore": 4,
     "words on pages": 29970,

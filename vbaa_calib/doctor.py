@@ -71,24 +71,18 @@ class _MachineSettings:
 _LIMITS = _MachineSettings()
 
 
-@dataclass(frozen=True)
-class _EndedProcess:
-    """How a process ended: its exit code, None when it took too long; negative when a signal ended it."""
-
-    code: int | None
-    out: str = ""
-    err: str = ""
-
-    def how(self, late: str, failed: str) -> str:
-        """In words, with the last thing that it complained of."""
-        lines = self.err.strip().splitlines()
-        return late if self.code is None else f"{failed} ({lines[-1].strip() if lines else 'it said nothing'})"
+_Ended = tuple[int | None, str, str]
+"""How a process ended: its exit code (None when it took too long, negative when a signal ended it), output, errors."""
+_Try = Callable[[Sequence[str], float], _Ended]
 
 
-_Try = Callable[[Sequence[str], float], _EndedProcess]
+def _how(code: int | None, err: str, late: str, failed: str) -> str:
+    """How a process ended in words, with the last thing that it complained of."""
+    lines = err.strip().splitlines()
+    return late if code is None else f"{failed} ({lines[-1].strip() if lines else 'it said nothing'})"
 
 
-def _try_python(arguments: Sequence[str], seconds: float) -> _EndedProcess:
+def _try_python(arguments: Sequence[str], seconds: float) -> _Ended:
     """Run this Python with these arguments; -P keeps the current folder's own modules out of it."""
     try:
         done = subprocess.run(
@@ -102,30 +96,30 @@ def _try_python(arguments: Sequence[str], seconds: float) -> _EndedProcess:
         )
     except subprocess.TimeoutExpired as late:
         out = late.stdout or b""
-        return _EndedProcess(None, out if isinstance(out, str) else out.decode(errors="replace"))
+        return None, out if isinstance(out, str) else out.decode(errors="replace"), ""
     except OSError as error:
-        return _EndedProcess(127, err=str(error))
-    return _EndedProcess(done.returncode, done.stdout, done.stderr)
+        return 127, "", str(error)
+    return done.returncode, done.stdout, done.stderr
 
 
 def _drawing(attempt: _Try = _try_python) -> HealthFinding:
     """Whether 3-D pictures can be drawn. Pages and glTF need no OpenGL, so this alone stops nothing."""
-    tried = attempt(["-m", "viz.render.probe"], _LIMITS.drawing_s)
-    if tried.code == 0:
+    code, _, err = attempt(["-m", "viz.render.probe"], _LIMITS.drawing_s)
+    if code == 0:
         return HealthFinding("drawing", "3-D pictures can be drawn")
-    how = tried.how(f"took longer than {_LIMITS.drawing_s:.0f} s", "failed")
-    if tried.code is not None and (tried.code < 0 or not tried.err.strip()):
-        how = f"was ended by signal {-tried.code}" if tried.code < 0 else "found no OpenGL that works"
+    how = _how(code, err, f"took longer than {_LIMITS.drawing_s:.0f} s", "failed")
+    if code is not None and (code < 0 or not err.strip()):
+        how = f"was ended by signal {-code}" if code < 0 else "found no OpenGL that works"
     remedy = _by_system(
         "apt-get install libegl1 libgl1-mesa-dri",
         "log in at the screen: macOS draws for a logged-in user only",
         "update the graphics driver, or put Mesa's opengl32.dll beside python.exe",
     )
-    if "No module named" in tried.err:
+    if "No module named" in err:
         how, remedy = "needs pyvista, which is not installed", _pip("install", "'vbaa-calib[view]'")
         return HealthFinding("drawing", "no 3-D pictures", (Diagnosis("no_drawing", f"drawing {how}", remedy),))
     problem = Diagnosis("no_drawing", f"drawing a 3-D picture {how}", f"{remedy}; pages and glTF work without")
-    return HealthFinding("drawing", "3-D pictures cannot be drawn", (problem,), {"exit_code": tried.code})
+    return HealthFinding("drawing", "3-D pictures cannot be drawn", (problem,), {"exit_code": code})
 
 
 def _cameras(
@@ -158,10 +152,10 @@ def _cameras(
             "    print(json.dumps([index, list(image.shape[1::-1]) if taken else None]), flush=True)\n"
             "    camera.release()\n"
         )
-        tried = attempt(["-c", program, *indices], _LIMITS.camera_s)
-        opened = dict(json.loads(line) for line in tried.out.splitlines() if line.startswith("["))
-        if tried.code != 0:
-            how = tried.how("does not answer", "ends the program that opens it")
+        code, out, err = attempt(["-c", program, *indices], _LIMITS.camera_s)
+        opened = dict(json.loads(line) for line in out.splitlines() if line.startswith("["))
+        if code != 0:
+            how = _how(code, err, "does not answer", "ends the program that opens it")
             at = next((index for index in indices if int(index) not in opened), indices[-1])
             remedy = "unplug it and plug it in again; close programs that use it"
             problems.append(Diagnosis("camera_stuck", f"camera {at} {how}", remedy))
@@ -184,10 +178,10 @@ def _torch(attempt: _Try = _try_python) -> HealthFinding:
         "import time; begun = time.perf_counter(); import torch; "
         "print(time.perf_counter() - begun, torch.__version__, torch.get_num_threads(), torch.cuda.is_available())"
     )
-    tried = attempt(["-c", program], _LIMITS.torch_s)
-    fields = tried.out.split()
-    if tried.code != 0 or len(fields) != 4:
-        how = tried.how(f"takes longer than {_LIMITS.torch_s:.0f} s to load", "cannot be loaded")
+    code, out, err = attempt(["-c", program], _LIMITS.torch_s)
+    fields = out.split()
+    if code != 0 or len(fields) != 4:
+        how = _how(code, err, f"takes longer than {_LIMITS.torch_s:.0f} s to load", "cannot be loaded")
         again = _pip("install", "--force-reinstall", '"torch>=2.4,<3"')
         remedy = _by_system(again, again, f"winget install Microsoft.VCRedist.2015+.x64, then {again}")
         return HealthFinding("torch", "does not load", (Diagnosis("torch_broken", f"torch {how}", remedy, "wrong"),))

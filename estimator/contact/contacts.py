@@ -27,14 +27,6 @@ from .status import FAILED, NO_ANTENNA, NO_CONTACT, OK, TIP, reason, statuses
 _T = TypeVar("_T")
 
 
-@dataclass(frozen=True, eq=False)
-class RoughFit:
-    """A quick fit: unknowns (4,), `rig_arrays.UNKNOWNS`, and the antenna's nodes (M, 3), antenna frame."""
-
-    unknowns: np.ndarray
-    points_m: np.ndarray
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Contact]):
     """The results of B frames: a sequence of `Contact`, and its numbers as arrays with a leading axis B.
@@ -159,21 +151,10 @@ def with_joint_errors(contacts: Contacts, batch: Batch) -> Contacts:
     return replace(contacts, covariance_world_m2=contacts.covariance_world_m2 + moved @ np.swapaxes(moved, 1, 2))
 
 
-@dataclass(frozen=True, eq=False)
-class MovingContacts:
-    """Contacts of B successive frames, with what is needed to test them for motion.
-
-    push : (B, G, 3) by how many of its deviations a contact's distance is off for each N/m of load on each piece of the
-        antenna, along the world's axes.
-    """
-
-    contacts: Sequence[Contact]
-    push: np.ndarray
-    shapes: Shapes
-
-
-def moving(rig: Rig, several: Sequence[Measured], found: Contacts) -> MovingContacts:
-    """Contacts found in frames, not yet tested for motion, with their poses in the world by the rig's kinematics."""
+def motion_of(rig: Rig, several: Sequence[Measured], found: Contacts) -> tuple[np.ndarray, Shapes]:
+    """What a motion test needs of successive frames: their shapes in the world, and (B, G, 3) by how many of its
+    standard deviations a contact's distance is off for each N/m of load on each piece of the antenna, along the world's
+    axes."""
     times = np.array([each.time_s for each in several], float)
     pan, tilt = (np.array([getattr(each, name) for each in several]) for name in ("pan_rad", "tilt_rad"))
     rotation, translation = rig.kinematics.world_antenna(pan, tilt)
@@ -189,7 +170,7 @@ def moving(rig: Rig, several: Sequence[Measured], found: Contacts) -> MovingCont
         std_m = np.hypot(std_m, np.linalg.norm(swung * joint_errors[:, None, None], axis=(-2, -1)))
     # a load's components along y and z of the antenna, from those along the world's axes
     push = numbers.push @ np.swapaxes(rotation[:, :, 1:], 1, 2)
-    return MovingContacts(found, push, Shapes(times, points, std_m, distance))
+    return push, Shapes(times, points, std_m, distance)
 
 
 def _at_rest(contact: Contact, shift: float) -> Contact:
@@ -219,14 +200,14 @@ class MotionCheck:
 
     def __init__(self, beam: Beam, live: bool = False) -> None:
         self._motion = Motion(beam, live)
-        self._waiting: deque[tuple[MovingContacts, int]] = deque()
+        self._waiting: deque[tuple[Sequence[Contact], np.ndarray, int]] = deque()
 
-    def push(self, several: MovingContacts) -> Iterator[Contact]:
-        """The contacts that can be judged once these frames are known."""
-        if not self._waiting and not np.isfinite(several.shapes.time_s).any():
-            return iter(several.contacts)
-        self._waiting.extend((several, index) for index in range(len(several.push)))
-        return self._ready(self._motion.push(several.shapes))
+    def push(self, contacts: Sequence[Contact], push: np.ndarray, shapes: Shapes) -> Iterator[Contact]:
+        """The contacts that can be judged once these frames are known, the latter two as from `motion_of`."""
+        if not self._waiting and not np.isfinite(shapes.time_s).any():
+            return iter(contacts)
+        self._waiting.extend((contacts, push, index) for index in range(len(push)))
+        return self._ready(self._motion.push(shapes))
 
     def finish(self) -> Iterator[Contact]:
         """The contacts that wait for later frames, at the end of the recording."""
@@ -236,9 +217,9 @@ class MotionCheck:
     def _ready(self, loads: Inertia) -> Iterator[Contact]:
         # each waiting frame is taken off, whether its load counts or not
         for load, significant in zip(np.asarray(loads.load_N_m), np.asarray(loads.significant), strict=True):
-            several, index = self._waiting.popleft()
-            shift = float(np.sum(several.push[index] * load)) if significant else 0.0
-            yield _at_rest(several.contacts[index], shift)
+            contacts, push, index = self._waiting.popleft()
+            shift = float(np.sum(push[index] * load)) if significant else 0.0
+            yield _at_rest(contacts[index], shift)
 
 
 def last(parts: Generator[None, None, _T]) -> _T:

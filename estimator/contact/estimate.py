@@ -24,20 +24,10 @@ from vbaa_calib.core.threads import cores
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import DRIFTS
 
-from .contacts import (
-    Contacts,
-    MotionCheck,
-    MovingContacts,
-    RoughFit,
-    contacts_of,
-    jacobian_of,
-    last,
-    moving,
-    with_joint_errors,
-)
+from .contacts import Contacts, MotionCheck, contacts_of, jacobian_of, last, motion_of, with_joint_errors
 from .drift import LearntRig
 from .inputs import Batch, FrameOptions, Lines, without_outliers
-from .motion import Beam
+from .motion import Beam, Shapes
 from .settings import ContactSettings
 from .status import unexplained
 from .two_contacts import both_contacts
@@ -261,15 +251,16 @@ class ContactEstimator:
         end."""
         return self._contacts(Batch.of(self.rig, several))
 
-    def rough(self, several: Sequence[Measured]) -> list[RoughFit | None]:
-        """A quick fit of each frame on a low rung; None for a frame with too few points."""
+    def rough(self, several: Sequence[Measured]) -> list[tuple[np.ndarray, np.ndarray] | None]:
+        """A quick fit of each frame on a low rung: unknowns (4,), `rig_arrays.UNKNOWNS`, and the antenna's nodes (M,
+        3), antenna frame; None for a frame with too few points."""
         frames = Batch.of(self.rig, several).frames(self._rig_arrays)
-        found: list[RoughFit | None] = [None] * len(several)
+        found: list[tuple[np.ndarray, np.ndarray] | None] = [None] * len(several)
         enough = np.flatnonzero(frames.usable.sum(-1) >= ContactSettings.fewest_points)
         if len(enough):
             frames = frames if len(enough) == len(several) else frames.picked(enough)
             for index, own, points_m in zip(enough, *rough_fits(frames), strict=True):
-                found[index] = RoughFit(own, points_m)
+                found[index] = own, points_m
         return found
 
     def shape(self, measured: Measured) -> np.ndarray | None:
@@ -451,12 +442,14 @@ class ContactStream:
         for several in ready:
             found = yield from self._search(now, several)
             yield None
-            contacts = self._motion.push(found)
+            contacts = self._motion.push(*found)
             while part := list(islice(contacts, ContactSettings.frames_per_step if self._little else CHUNK)):
                 yield part
 
-    def _search(self, now: ContactEstimator, several: list[Measured]) -> Generator[None, None, MovingContacts]:
-        """The contacts of a batch, with the solver started at the previous contact.
+    def _search(
+        self, now: ContactEstimator, several: list[Measured]
+    ) -> Generator[None, None, tuple[Contacts, np.ndarray, Shapes]]:
+        """The contacts of a batch, and `motion_of` them, with the solver started at the previous contact.
 
         What the stream of the same frames has found for one that has a start of its own is found again by the same
         estimator, so it is not searched.
@@ -475,7 +468,7 @@ class ContactStream:
             self._beside._earlier.extend((then, *each) for each in zip(several, rows, strict=True))
         located = np.flatnonzero(np.isfinite(found.distance_m))
         self._warm = found.numbers.unknowns[located[-1]] if len(located) else None
-        return moving(self._estimator.rig, several, found)
+        return found, *motion_of(self._estimator.rig, several, found)
 
 
 def _as_batch(

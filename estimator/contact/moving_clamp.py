@@ -24,7 +24,7 @@ from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
 from vbaa_calib.session import Frame
 
-from .contacts import MotionCheck, MovingContacts, moving
+from .contacts import MotionCheck, motion_of
 from .drift import DriftSettings
 from .estimate import ContactEstimator
 from .inputs import Batch
@@ -425,16 +425,16 @@ def _estimated(
             )
             unknown = np.full((1, PIECES, 3), np.nan)
             shapes = Shapes(np.array([measured.time_s]), unknown, unknown[..., 0], np.array([np.nan]))
-            found = MovingContacts([why], np.zeros((1, PIECES, 3)), shapes)
+            push = np.zeros((1, PIECES, 3))
         else:
             rig = track.at(row)
             estimator = ContactEstimator(rig, model, friction=friction, jobs=1)
             part = estimator._contacts(Batch.of(rig, [measured]), beam)
-            found = moving(rig, [measured], part)
+            push, shapes = motion_of(rig, [measured], part)
             # places along the antenna are counted from its first point
-            shapes = replace(found.shapes, std_m=np.hypot(found.shapes.std_m, track.scatter_m))
-            found = replace(found, contacts=[_widened(part[0], track)], shapes=shapes)
-        yield from finished(motion.push(found))
+            shapes = replace(shapes, std_m=np.hypot(shapes.std_m, track.scatter_m))
+            why = _widened(part[0], track)
+        yield from finished(motion.push([why], push, shapes))
     yield from finished(motion.finish())
 
 

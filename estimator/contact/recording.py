@@ -29,7 +29,6 @@ from vbaa_calib.detect.whisker.stretches import explained
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import READINGS, Frame, Session, Still, pictures_of, read_centrelines
 
-from .contacts import RoughFit
 from .estimate import STREAM, ContactEstimator
 from .inputs import OutlierSettings, outside, point_scatter
 from .settings import ContactSettings
@@ -186,7 +185,7 @@ def detect_again(estimator: ContactEstimator, glances: Sequence[_FirstDetection]
     shapes = estimator.rough([found[index].measured for index in unsure]) if unsure else []
     for index, rough in zip(unsure, shapes, strict=True):
         if rough is not None:
-            found[index] = _along(rig, glances[index], rough)
+            found[index] = _along(rig, glances[index], *rough)
     return found
 
 
@@ -200,8 +199,8 @@ def _sure(glance: _FirstDetection) -> bool:
     return float(seen[:last].mean()) >= ContactSettings.sure_detection
 
 
-def _along(rig: Rig, glance: _FirstDetection, rough: RoughFit) -> Detection:
-    seen_from = (rig.camera, rig.T_antenna_camera.inverse(), rough.points_m)
+def _along(rig: Rig, glance: _FirstDetection, unknowns: np.ndarray, points_m: np.ndarray) -> Detection:
+    seen_from = (rig.camera, rig.T_antenna_camera.inverse(), points_m)
     guide, width = pixels(*seen_from), width_px(*seen_from, rig.antenna.diameter_m * rig.antenna.taper.middle)
     assert glance.looking is not None
     picture = glance.image if glance.bare else glance.picture
@@ -218,7 +217,7 @@ def _along(rig: Rig, glance: _FirstDetection, rough: RoughFit) -> Detection:
             more = first.found and line.seen < first.seen and farther_px < ContactSettings.farther_widths * width
             line = first if more else less_sure(line, where)
     # what is doubted on a closer look, though not on the first, makes no contact
-    return Detection(line, measured(rig, glance.frame, line if line.found else NOTHING, start=rough.unknowns))
+    return Detection(line, measured(rig, glance.frame, line if line.found else NOTHING, start=unknowns))
 
 
 def _detections(estimator: ContactEstimator, glances: Iterable[_FirstDetection]) -> Iterator[Detection]:

@@ -92,9 +92,9 @@ def test_an_assumed_lens_is_as_uncertain_as_it_says(bare: Path, tmp_path: Path, 
         assert assumed.covariance is not None
         off = independent_axes(assumed.covariance) @ rng.normal(size=len(assumed.parameters))
         file.write_text(FORMATS["ros"].write(Exchanged(replace(assumed.moved(off), covariance=None))))
-        lens = given_solution(read_lens(file), [], session.board, [("plane", view) for view in views.jig or ()])
+        lens = given_solution(read_lens(file), [], session.board, [("plane", view) for view in views["jig"]])
         assert [one.name for one in lens.verdict.diagnoses] == ["lens_uncertainty_assumed"]
-        plane = find_plane(session, lens.camera, lens.board_shape, views)
+        plane = find_plane(session, lens.camera, lens.board_shape, **views)
         before = prior_of_session(session, lens, plane)
         observations = observations or observe_stills(session, plane.kinematics, before)
         joint = adjust_bundle(observations, before, session.antenna.length_m, session.moment_std_Nm)
@@ -158,7 +158,7 @@ def test_rectified_pictures_are_told_by_straight_lines(rectified: bool, both: bo
 def test_the_board_in_the_jig_contradicts_the_lens_of_another_camera(bare: Path) -> None:
     """A file for the same sensor with another lens: nothing else in the session tells."""
     session, true = load_session(bare), true_camera()
-    placed = [("plane", view) for view in read_views(session).jig or ()]
+    placed = [("plane", view) for view in read_views(session)["jig"]]
     for factor, wrong in ((1.0, False), (2.0, True), (0.6, True)):
         matrix = true.matrix * np.array([[factor, 1, 1], [1, factor, 1], [1, 1, 1]])
         camera = replace(true, matrix=matrix, covariance=np.diag(np.array([1, 1, 1, 1, 1e-3, 3e-3, 1e-4, 1e-4]) ** 2))

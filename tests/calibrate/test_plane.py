@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.calibrate.lens.models import LENS_MODELS
 from vbaa_calib.calibrate.lens.models import camera_of as lens_camera
-from vbaa_calib.calibrate.plane_c import PlaneViews, _corner_bias, find_plane, read_views
+from vbaa_calib.calibrate.plane_c import _corner_bias, find_plane, read_views
 from vbaa_calib.calibrate.pose.board_pose import BoardPose, jig_estimate, solve_board_pose
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate, differences, inflated, require_agreement
 from vbaa_calib.camera import Camera
@@ -250,7 +251,7 @@ class Rendered:
     scene: SceneSpec
     session: Session
     lens: LensSolution
-    views: PlaneViews
+    views: dict[str, Any]
 
 
 @pytest.fixture(scope="module")
@@ -278,7 +279,7 @@ def off_std(pose: Pose, covariance: np.ndarray, true: Pose) -> np.ndarray:
 
 def test_three_ways_agree_and_the_joints_are_found(rendered: Rendered) -> None:
     lens = rendered.lens
-    plane = find_plane(rendered.session, lens.camera, lens.board_shape, rendered.views)
+    plane = find_plane(rendered.session, lens.camera, lens.board_shape, **rendered.views)
     assert [estimate.way for estimate in plane.estimates] == ["jig", "sweep", "over board"]
     assert all(difference.agrees for difference in plane.differences)
     for estimate in plane.estimates:

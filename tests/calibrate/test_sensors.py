@@ -60,7 +60,7 @@ def test_the_rig_is_honest_and_can_be_stored(first: int, count: int) -> None:
         log_stiffness = np.log(rig.antenna.stiffness_Nm2)
         off.append((log_stiffness - drawn.world.parameters[6]) / rig.std("log_stiffness_Nm2"))
         assert not any(one.grave for one in still_diagnoses(silent.session, Kinematics(), joint))
-        assert check(joint).to_dict()["noise_Nm"] is None
+        assert check(joint)["noise_Nm"] is None
         data = rig.to_dict()
         again = Rig.from_dict(data)
         assert data["moment_sensor"] is None

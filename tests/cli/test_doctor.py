@@ -14,7 +14,7 @@ import pytest
 
 from vbaa_calib import doctor
 from vbaa_calib.cli import doctor as verb
-from vbaa_calib.doctor import CHECKS, HealthFinding, _EndedProcess
+from vbaa_calib.doctor import CHECKS, HealthFinding, _Ended
 
 
 def names(found: HealthFinding) -> list[str]:
@@ -30,9 +30,9 @@ def test_this_machine_has_what_it_needs() -> None:
     assert {each.name for each in found} == set(verb.CHECKS) - set(slow)
 
 
-def ends(code: int | None, out: str = "", err: str = "") -> Callable[[Sequence[str], float], _EndedProcess]:
+def ends(code: int | None, out: str = "", err: str = "") -> Callable[[Sequence[str], float], _Ended]:
     """A process that ends like this."""
-    return lambda arguments, seconds: _EndedProcess(code, out, err)
+    return lambda arguments, seconds: (code, out, err)
 
 
 def installed(*asked: str, **known: str) -> HealthFinding:
@@ -147,8 +147,8 @@ def test_a_folder_that_takes_a_packages_place(tmp_path: Path, monkeypatch: pytes
 
 def test_a_process_may_crash_or_hang() -> None:
     """Real ones: the doctor outlives them, and keeps what they had said."""
-    crashed = doctor._try_python(["-c", "import os; os.abort()"], 20)
-    assert crashed.code is not None
-    assert crashed.code != 0
-    hung = doctor._try_python(["-c", "import time; print('[0, null]', flush=True); time.sleep(60)"], 1.5)
-    assert (hung.code, hung.out.strip()) == (None, "[0, null]")
+    crashed, *_ = doctor._try_python(["-c", "import os; os.abort()"], 20)
+    assert crashed is not None
+    assert crashed != 0
+    hung, out, _ = doctor._try_python(["-c", "import time; print('[0, null]', flush=True); time.sleep(60)"], 1.5)
+    assert (hung, out.strip()) == (None, "[0, null]")

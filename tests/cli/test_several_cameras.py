@@ -16,8 +16,9 @@ from vbaa import ContactEstimator, InputError, Rig, load_session
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.session import read_noload, read_recording
+from vbaa_calib.simulate.scene.lens import Lens
 from vbaa_calib.simulate.scene.scene import bundled_scene
-from vbaa_calib.streams.bag_of_session import BagLens, write_recording
+from vbaa_calib.streams.bag_of_session import write_recording
 
 from ..made_once import made_once
 
@@ -151,9 +152,9 @@ def test_streams_give_the_contacts_of_the_session(
     assert "6 frames without left" in capsys.readouterr().err
 
 
-def _bag_lens(made: Path, name: str) -> BagLens:
+def _bag_lens(made: Path, name: str) -> Lens:
     camera = Rig.load(made / "rig.json").cameras[name].camera
-    return BagLens(camera.image_size, camera.matrix, camera.distortion, camera.model)
+    return Lens(camera.model, camera.image_size, camera.matrix, camera.distortion)
 
 
 def _copied(made: Path, tmp_path: Path) -> Path:

@@ -15,7 +15,7 @@ that is iterated.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -27,24 +27,6 @@ from .taper import UNIFORM, Taper
 
 STEPS_PER_SEGMENT: int = core.antenna.STEPS_PER_SEGMENT
 TORSION_RATIO = 1.3  # EI/GJ = 1 + ν of a round wire of metal, ν = 0.3
-
-
-class _RodNumbers(NamedTuple):
-    """A rod's numbers in the core's form.
-
-    length_m : from the clamp to the tip. bend, twist : 1/EI and 1/GJ. mass_per_length_kg_m : as the rod's.
-    pieces : as the taper's.
-    curvature_y, curvature_z : natural curvature, 1/m. clamp : (3, 3) the clamp's place, d1 and d2 there.
-    """
-
-    length_m: float
-    bend: float
-    twist: float
-    pieces: np.ndarray
-    mass_per_length_kg_m: float
-    curvature_y: float
-    curvature_z: float
-    clamp: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,11 +79,12 @@ class Rod:
         return uniform * self.taper.yielding(distance_m / self.length_m)
 
     @property
-    def numbers(self) -> _RodNumbers:
-        """The rod in the struct that the core reads."""
+    def numbers(self) -> SimpleNamespace:
+        """The rod as the core reads it: lengths, compliances 1/EI and 1/GJ, the taper's pieces, natural curvature, and
+        (3, 3) the clamp's place, d1 and d2."""
         curvature_y, curvature_z = self.natural_curvature_per_m
         pose = self.T_antenna_clamp
-        return _RodNumbers(
+        return SimpleNamespace(
             length_m=float(self.length_m),
             bend=1.0 / self.bending_stiffness_Nm2,
             twist=1.0 / self.torsional_stiffness_Nm2,

@@ -9,14 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from targets.board import Board
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
-from vbaa_calib.calibrate.antenna.residual_checks import Checks, check
+from vbaa_calib.calibrate.antenna.residual_checks import check
 from vbaa_calib.calibrate.antenna.session_rig import make_rig, observe_stills, prior, read_by, solve_antenna
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens_from_views import solve_lens
@@ -52,7 +52,7 @@ class Calibration:
     lens: LensSolution
     plane: PlaneC
     joint: BundleAdjustment
-    checks: Checks
+    checks: Mapping[str, Any]
     stills: Sequence[Still]
     still_diagnoses: Sequence[Diagnosis]
     given: GivenLens | None = None
@@ -224,7 +224,7 @@ def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | Non
     # plane C first: one picture shows whether the board is the one described
     views = read_views(session)
     lens_views = detect_folder(session.folder("intrinsics"), session.board) if folders[0] == "intrinsics" else []
-    placed = [("plane", view) for view in views.jig or ()] + [("sweep", view) for view in views.sweep or ()]
+    placed = [(folder, view) for way, folder in (("jig", "plane"), ("sweep", "sweep")) for view in views.get(way, ())]
     if given is None:
         lens = solve_lens(lens_views, session.board, lens_model)
         words, remedy = "the lens of intrinsics/ is not that of", "take all pictures at one focus and zoom"
@@ -235,7 +235,7 @@ def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | Non
     begun: list[tuple[PlaneC, Sequence[Observation], Prior]] = []
 
     def solve(lens: LensSolution) -> tuple[LensSolution, PlaneC, Sequence[Observation], BundleAdjustment]:
-        plane = find_plane(session, lens.camera, lens.board_shape, views)
+        plane = find_plane(session, lens.camera, lens.board_shape, **views)
         before = prior_of_session(session, lens, plane)
         try:
             observations = observe_stills(session, plane.kinematics, before)

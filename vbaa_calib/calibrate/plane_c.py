@@ -82,15 +82,6 @@ class PlaneC:
         return {"ways": ways, "differences": apart, "boards": boards, "sweep": sweep}
 
 
-@dataclass(frozen=True, eq=False)
-class PlaneViews:
-    """Board views for each method of finding plane C; None where the session has no pictures for it."""
-
-    jig: Sequence[BoardView] | None
-    sweep: Sequence[BoardView] | None
-    over: Mapping[str, np.ndarray] | None  # name → (H, W) picture
-
-
 def picture_folders(session: Session) -> list[str]:
     """The folders of the session with pictures of plane C. Raises InputError when there are none."""
     has = {"plane": session.T_antenna_board is not None, "sweep": has_sweep(session), "over": has_over(session)}
@@ -105,50 +96,64 @@ def picture_folders(session: Session) -> list[str]:
     return folders
 
 
-def read_views(session: Session) -> PlaneViews:
-    """Detects the boards. Raises InputError where a picture contains none, or another than session.yaml describes."""
+def read_views(session: Session) -> dict[str, Any]:
+    """The session's arguments `jig`, `sweep` and `over` of `find_plane`, with the boards detected. Raises InputError
+    where a picture contains none, or another than session.yaml describes."""
     folders, spec = picture_folders(session), session.board
-    return PlaneViews(
-        detect_folder(session.folder("plane"), spec) if "plane" in folders else None,
-        detect_files([picture.image for picture in read_sweep(session)], spec) if "sweep" in folders else None,
-        {str(path): read_gray(path) for path in list_images(session.root / "over")} if "over" in folders else None,
-    )
+    views: dict[str, Any] = {}
+    if "plane" in folders:
+        views["jig"] = detect_folder(session.folder("plane"), spec)
+    if "sweep" in folders:
+        views["sweep"] = detect_files([picture.image for picture in read_sweep(session)], spec)
+    if "over" in folders:
+        views["over"] = {str(path): read_gray(path) for path in list_images(session.root / "over")}
+    return views
 
 
-def find_plane(session: Session, camera: Camera, board: BoardShape, views: PlaneViews) -> PlaneC:
-    """Plane C by every method. board : its shape from the lens's views. Raises InputError where methods contradict
-    each other."""
-    jig = sweep = over = None
+def find_plane(
+    session: Session,
+    camera: Camera,
+    board: BoardShape,
+    jig: Sequence[BoardView] | None = None,
+    sweep: Sequence[BoardView] | None = None,
+    over: Mapping[str, np.ndarray] | None = None,
+) -> PlaneC:
+    """Plane C by every method that has pictures.
+
+    board : its shape from the lens's views. jig, sweep : views of the board. over : pictures (H, W) by name.
+    Raises InputError where methods contradict each other.
+    """
+    by_jig = by_sweep = by_over = None
     estimates: list[PoseEstimate] = []
     unused: list[Diagnosis] = []
-    if views.jig is not None and session.T_antenna_board is not None:
-        jig = solve_board_pose(views.jig, board, camera)
+    if jig is not None and session.T_antenna_board is not None:
+        by_jig = solve_board_pose(jig, board, camera)
         std = session.jig_translation_std_m, session.jig_rotation_std_rad
-        estimates.append(jig_estimate(jig, session.T_antenna_board, *std))
-    unused_for, another = None, bool(estimates or views.over)
-    if views.sweep is not None:
-        unused_for = SweepSolution.why_none(views.sweep, board.nominal_m)
+        estimates.append(jig_estimate(by_jig, session.T_antenna_board, *std))
+    unused_for, another = None, bool(estimates or over)
+    if sweep is not None:
+        unused_for = SweepSolution.why_none(sweep, board.nominal_m)
         if not (unused_for and another):
-            sweep = solve_sweep(
-                views.sweep, read_sweep(session), board, camera, session.kinematics, session.tilt_zero_std_rad
+            by_sweep = solve_sweep(
+                sweep, read_sweep(session), board, camera, session.kinematics, session.tilt_zero_std_rad
             )
-            unused_for = sweep.loose
+            unused_for = by_sweep.loose
         if unused_for and not another:
             raise unused_for
     if unused_for is not None:
         # another way shows where the camera is
         unused.append(Diagnosis("sweep_unused", f"the sweep was not used: {unused_for.what}", unused_for.remedy or ""))
-        sweep = None
-    elif sweep is not None:
-        estimates.append(sweep.estimate)
-    if views.over is not None and session.over is not None:
+        by_sweep = None
+    elif by_sweep is not None:
+        estimates.append(by_sweep.estimate)
+    if over is not None and session.over is not None:
         setting = session.over
         rotation = session.kinematics.T_world_antenna(setting.pan_rad, setting.tilt_rad).rotation
         antenna = nominal_free_antenna(session.antenna, rotation.T @ session.gravity_world_m_s2)
         mark = None if setting.clamp_px is None else LineEnd(np.array(setting.clamp_px), setting.clamp_std_px)
         setup = OverSetup(session.board, camera, antenna, setting.height_m, setting.height_std_m, mark)
         try:
-            estimate, over = solve_over_board(views.over, setup, fused(estimates) if estimates else None)
+            estimate, by_over = solve_over_board(over, setup, fused(estimates) if estimates else None)
         except InputError as error:
             if not estimates:
                 raise
@@ -163,10 +168,9 @@ def find_plane(session: Session, camera: Camera, board: BoardShape, views: Plane
     scale_std = float(np.hypot(session.print_scale_std, unruled))
     estimates = [inflated(estimate, *_print_doubt(estimate, session, scale_std), common=True) for estimate in estimates]
     apart = differences(estimates, np.zeros((0, 0)) if camera.covariance is None else camera.covariance)
-    _require_agreement(apart, session, camera, jig, estimates)
-    return PlaneC(
-        tuple(estimates), tuple(apart), jig, sweep, over, _kinematics(session, sweep, estimates), tuple(unused)
-    )
+    _require_agreement(apart, session, camera, by_jig, estimates)
+    kinematics = _kinematics(session, by_sweep, estimates)
+    return PlaneC(tuple(estimates), tuple(apart), by_jig, by_sweep, by_over, kinematics, tuple(unused))
 
 
 def _require_agreement(

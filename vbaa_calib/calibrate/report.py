@@ -78,7 +78,7 @@ def _evidence(calibration: Calibration, guide: Mapping[str, Any]) -> dict[str, A
             "stiffness_over_nominal": calibration.rig.antenna.stiffness_Nm2 / nominal.stiffness_Nm2,
             "nominal_density_kg_m3": nominal.density_kg_m3,
         },
-        "checks": calibration.checks.to_dict(),
+        "checks": dict(calibration.checks),
         "guide": dict(guide),
         **(
             {"cameras": {name: _evidence(one, {}) for name, one in calibration.others.items()}}

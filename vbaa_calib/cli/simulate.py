@@ -87,7 +87,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     """
     from vbaa_calib.simulate.scene.scene import WrenchSpec, bundled_scene
     from vbaa_calib.simulate.scene.scene_file import load_scene
-    from vbaa_calib.streams.bag_of_session import BagLens, refuse_bag, write_recording
+    from vbaa_calib.streams.bag_of_session import refuse_bag, write_recording
 
     started = time.perf_counter()
     named = Path(args.scene)
@@ -123,11 +123,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         planned = _written(args, scene, folder)
         if args.bag is not None:
             cameras = scene.cameras or {"camera": (scene.lens, scene.T_antenna_camera)}
-            lenses = {
-                name: BagLens(lens.image_size, lens.matrix, lens.distortion, lens.model)
-                for name, (lens, _) in cameras.items()
-            }
-            write_recording(args.bag, folder, lenses)
+            write_recording(args.bag, folder, {name: lens for name, (lens, _) in cameras.items()})
             say(f"wrote {args.bag}")
     frames = planned.truth["frames"]
     touching = sum(frame["in_contact"] for frame in frames)

@@ -48,14 +48,12 @@ class ReadAs:
         return core_schema.no_info_after_validator_function(self.made, handler.generate_schema(self.written))
 
 
-class ArrayOf(ReadAs):
+def array_of(*shape: int, ge: float | None = None, le: float | None = None) -> ReadAs:
     """Annotation of an array that a file has as nested lists of finite numbers."""
-
-    def __init__(self, *shape: int, ge: float | None = None, le: float | None = None) -> None:
-        nested: Any = Annotated[Number, Field(ge=ge, le=le)]
-        for length in reversed(shape):
-            nested = Annotated[list[nested], Strict(), Field(min_length=length, max_length=length)]
-        super().__init__(nested, lambda values: np.array(values, float))
+    nested: Any = Annotated[Number, Field(ge=ge, le=le)]
+    for length in reversed(shape):
+        nested = Annotated[list[nested], Strict(), Field(min_length=length, max_length=length)]
+    return ReadAs(nested, lambda values: np.array(values, float))
 
 
 class FileModel(BaseModel):

@@ -10,7 +10,7 @@ from pydantic import ConfigDict, Field
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError, Verdict
-from vbaa_calib.core.models import ArrayOf, FileModel, Number, WholeNumber, checked
+from vbaa_calib.core.models import FileModel, Number, WholeNumber, array_of, checked
 from vbaa_calib.session import DRIFTS, FileDrift, MomentSensor, MovingClamp
 from vbaa_calib.session.settings import (
     AnyLength,
@@ -59,9 +59,9 @@ def can_hold(camera: Camera) -> bool:
 class _Noload:
     """The free antenna: position and angles at the clamp, and natural curvature."""
 
-    clamp_offset_yz_m: Annotated[np.ndarray, ArrayOf(2, ge=-1, le=1)]
-    clamp_rotation_yz_rad: Annotated[np.ndarray, ArrayOf(2, ge=-1.5, le=1.5)]
-    bow_yz_per_m: Annotated[np.ndarray, ArrayOf(2, ge=-1000, le=1000)]
+    clamp_offset_yz_m: Annotated[np.ndarray, array_of(2, ge=-1, le=1)]
+    clamp_rotation_yz_rad: Annotated[np.ndarray, array_of(2, ge=-1.5, le=1.5)]
+    bow_yz_per_m: Annotated[np.ndarray, array_of(2, ge=-1000, le=1000)]
     clamp_give_m: Annotated[
         Number,
         Field(ge=-1, le=1, description="length of antenna that would bend as much as the clamp gives way"),
@@ -94,7 +94,7 @@ class _RigAntenna:
     tip: _FileTip | None = None
     parameters_std: Annotated[
         np.ndarray,
-        ArrayOf(9, ge=0, le=1e3),
+        array_of(9, ge=0, le=1e3),
         Field(description="of one of several, in the order of joint.parameters"),
     ] = field(default_factory=lambda: np.zeros(9))
 
@@ -151,12 +151,12 @@ class _AxesUncertainty:
 
     std: Annotated[
         np.ndarray,
-        ArrayOf(3, ge=0, le=1),
+        array_of(3, ge=0, le=1),
         Field(description="standard deviations for a camera pose that is exact"),
     ] = field(default_factory=lambda: np.zeros(3))
     by_pose: Annotated[
         np.ndarray,
-        ArrayOf(3, 6, ge=-1000, le=1000),
+        array_of(3, 6, ge=-1000, le=1000),
         Field(description="how much the three are off for a camera pose that is off by a unit of its tangent"),
     ] = field(default_factory=lambda: np.zeros((3, 6)))
     axes: list[Literal["axis_skew_rad", "axis_offset_m", "tilt_zero_rad"]] | None = None

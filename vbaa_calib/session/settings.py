@@ -19,7 +19,7 @@ from vbaa_calib.antenna.taper import Taper
 from vbaa_calib.core.arrays import gate, real_gravity
 from vbaa_calib.core.errors import Diagnosis, InputError, about
 from vbaa_calib.core.files import read_yaml
-from vbaa_calib.core.models import ArrayOf, FileModel, Number, ReadAs, checked
+from vbaa_calib.core.models import FileModel, Number, ReadAs, array_of, checked
 from vbaa_calib.detect.board.board_file import with_ids
 from vbaa_calib.geometry import Kinematics, Pose
 
@@ -154,7 +154,7 @@ class NominalAntenna:
         return float(self.density_kg_m3 * np.pi * self.diameter_m**2 / 4)
 
 
-Gravity = Annotated[np.ndarray, ArrayOf(3), AfterValidator(real_gravity)]
+Gravity = Annotated[np.ndarray, array_of(3), AfterValidator(real_gravity)]
 """m/s², world frame; zero: weightless."""
 _JointReading = Annotated[Number, Field(ge=-6.3, le=6.3)]
 _Pixel = Annotated[Number, Field(ge=-1e5, le=1e5)]
@@ -198,8 +198,8 @@ def _unit(rotation_xyzw: np.ndarray) -> np.ndarray:
 @dataclass(frozen=True, eq=False)
 class _PoseInFile:
     # of rigs, not of rooms: twelve millimetres written as 12 are refused
-    translation_m: Annotated[np.ndarray, ArrayOf(3, ge=-10, le=10)]
-    rotation_xyzw: Annotated[np.ndarray, ArrayOf(4), AfterValidator(_unit)]
+    translation_m: Annotated[np.ndarray, array_of(3, ge=-10, le=10)]
+    rotation_xyzw: Annotated[np.ndarray, array_of(4), AfterValidator(_unit)]
 
 
 def _pose(read: _PoseInFile) -> Pose:
@@ -215,7 +215,7 @@ class FileKinematics:
     """The joints' entry in session.yaml and rig.json."""
 
     T_actuator_antenna: FilePose = field(default_factory=Pose.identity)
-    position_world_m: Annotated[np.ndarray, ArrayOf(3, ge=-1e6, le=1e6)] = field(default_factory=lambda: np.zeros(3))
+    position_world_m: Annotated[np.ndarray, array_of(3, ge=-1e6, le=1e6)] = field(default_factory=lambda: np.zeros(3))
     axis_skew_rad: Annotated[
         Number, Field(ge=-0.5, le=0.5, description="lean of the tilt axis from the right angle with the pan axis")
     ] = 0.0
@@ -235,7 +235,7 @@ class FileKinematics:
 @dataclass(frozen=True, eq=False)
 class _SessionKinematics(FileKinematics):
     # as large as a hall: nothing in the pictures contradicts a position in millimetres
-    position_world_m: Annotated[np.ndarray, ArrayOf(3, ge=-100, le=100)] = field(default_factory=lambda: np.zeros(3))
+    position_world_m: Annotated[np.ndarray, array_of(3, ge=-100, le=100)] = field(default_factory=lambda: np.zeros(3))
     tilt_zero_std_rad: Annotated[
         Number, Field(ge=0, le=3.2, description="how well the encoder's zero is known before calibration")
     ] = 0.01
@@ -360,8 +360,8 @@ class KnownObject:
     """A straight pin or edge at a measured place in the world, on which the recording's contacts lie."""
 
     shape: Literal["pin", "edge"]
-    position_m: Annotated[np.ndarray, ArrayOf(3, ge=-100, le=100)]
-    direction: Annotated[np.ndarray, ArrayOf(3, ge=-1e6, le=1e6), AfterValidator(_direction)]
+    position_m: Annotated[np.ndarray, array_of(3, ge=-100, le=100)]
+    direction: Annotated[np.ndarray, array_of(3, ge=-1e6, le=1e6), AfterValidator(_direction)]
     std_m: Annotated[
         Number, Field(gt=0, le=0.1, description="how well its place is known, per axis; the same error in all frames")
     ]

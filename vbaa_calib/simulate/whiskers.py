@@ -22,17 +22,17 @@ from vbaa_calib.antenna.rod import TORSION_RATIO, Rod
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.core.files import read_yaml, write_json
 from vbaa_calib.core.folders import replacing_folder
-from vbaa_calib.core.models import ArrayOf, Number, WholeNumber, checked
+from vbaa_calib.core.models import Number, WholeNumber, array_of, checked
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session.whiskers import StatedFile
 
 from .contact.touch import Touch, touch
 from .scene.objects import TouchObject
-from .scene.scene import Degrees
+from .scene.scene import degrees
 from .write import refuse_target, write_rows
 
 _Small = Annotated[Number, Field(ge=0, le=0.1)]
-_Plane = Annotated[np.ndarray, ArrayOf(2, ge=-1, le=1)]
+_Plane = Annotated[np.ndarray, array_of(2, ge=-1, le=1)]
 
 
 class _WhiskingFile(StatedFile):
@@ -47,12 +47,12 @@ class _WhiskingFile(StatedFile):
     frames: Annotated[WholeNumber, Field(ge=1, le=1_000_000)]
     rate_hz: Annotated[Number, Field(gt=0, le=1e6)]
     follicles_m: dict[str, _Plane]
-    angles_rad: Annotated[dict[str, Annotated[float, Degrees(-180, 180)]], Field(alias="angles_deg")]
+    angles_rad: Annotated[dict[str, Annotated[float, degrees(-180, 180)]], Field(alias="angles_deg")]
     whisk_hz: Annotated[Number, Field(gt=0, le=1e3)]
-    swing_rad: Annotated[float, Degrees(0, 90), Field(alias="swing_deg")]
+    swing_rad: Annotated[float, degrees(0, 90), Field(alias="swing_deg")]
     way_m: _Small = 5e-4
-    elevation_rad: Annotated[float, Degrees(0, 90), Field(alias="elevation_deg")] = 0.0
-    roll_rad: Annotated[float, Degrees(0, 90), Field(alias="roll_deg")] = 0.0
+    elevation_rad: Annotated[float, degrees(0, 90), Field(alias="elevation_deg")] = 0.0
+    roll_rad: Annotated[float, degrees(0, 90), Field(alias="roll_deg")] = 0.0
     depth_m: _Small = 0.0
     post_m: _Plane | None = None
     post_radius_m: Annotated[Number, Field(gt=0, le=0.1)] = 5e-4

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,18 +13,9 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import refuse_overwrite, replacing
 from vbaa_calib.core.folders import replacing_folder
 from vbaa_calib.session import READINGS, Frame, load_session, read_recording
+from vbaa_calib.simulate.scene.lens import Lens
 
 from .bags import BagWriter, Logged
-
-
-@dataclass(frozen=True, eq=False)
-class BagLens:
-    """Content of CameraInfo: size (width, height), matrix (3, 3), distortion (k,) in OpenCV's order, and its model."""
-
-    image_size: tuple[int, int]
-    matrix: np.ndarray
-    distortion: np.ndarray
-    model: str
 
 
 def refuse_bag(path: Path, force: bool) -> None:
@@ -41,7 +31,7 @@ def refuse_bag(path: Path, force: bool) -> None:
         raise InputError("exists already", where=path, remedy=remedy)
 
 
-def write_recording(path: Path, session: Path, lenses: Mapping[str, BagLens]) -> None:
+def write_recording(path: Path, session: Path, lenses: Mapping[str, Lens]) -> None:
     """Write a session's recording at its own times: the pictures as CompressedImage, the moment as WrenchStamped,
     the joints as JointState, and CameraInfo. lenses : by the cameras' names, the first camera first."""
     frames = read_recording(load_session(session))
@@ -58,7 +48,7 @@ def write_recording(path: Path, session: Path, lenses: Mapping[str, BagLens]) ->
         made.rmdir()
 
 
-def _write(path: Path, frames: Iterable[Frame], lenses: Mapping[str, BagLens]) -> None:
+def _write(path: Path, frames: Iterable[Frame], lenses: Mapping[str, Lens]) -> None:
     writer = BagWriter(path)
     try:
         for frame in frames:
@@ -68,7 +58,7 @@ def _write(path: Path, frames: Iterable[Frame], lenses: Mapping[str, BagLens]) -
         writer.close()
 
 
-def _logged(frame: Frame, lenses: Mapping[str, BagLens]) -> Iterator[Logged]:
+def _logged(frame: Frame, lenses: Mapping[str, Lens]) -> Iterator[Logged]:
     """The messages of one frame: the readings first, because they arrive while the picture is read out."""
     # a bag begins a second after the clock's zero: a stamp of zero means none
     time_ns = 1_000_000_000 + round(1e9 * frame.time_s)
@@ -89,7 +79,7 @@ def _logged(frame: Frame, lenses: Mapping[str, BagLens]) -> Iterator[Logged]:
         yield Logged(f"/{camera}/image/compressed", "sensor_msgs/msg/CompressedImage", content, time_ns)
 
 
-def _camera_info(lens: BagLens) -> dict[str, Any]:
+def _camera_info(lens: Lens) -> dict[str, Any]:
     width, height = lens.image_size
     names = {0: "plumb_bob", 4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial"}
     model = "equidistant" if lens.model == "fisheye" else names.get(len(lens.distortion), "")

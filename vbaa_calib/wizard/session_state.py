@@ -26,7 +26,7 @@ from vbaa_calib.calibrate.guide.view_uncertainty import WorkPlane
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens_from_views import solve_lens
 from vbaa_calib.calibrate.pipeline import first_solved, next_lenses, prior_of_session
-from vbaa_calib.calibrate.plane_c import PlaneC, PlaneViews, find_plane
+from vbaa_calib.calibrate.plane_c import PlaneC, find_plane
 from vbaa_calib.calibrate.pose.fusion import fused
 from vbaa_calib.convert.values import Wanted
 from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
@@ -318,13 +318,13 @@ class SessionState:
         if not taken:
             raise InputError("no picture yet", where=self.store.root / way, remedy="take one")
         if way == "over":
-            views = PlaneViews(None, None, {one.file: read_gray(self.store.path(one)) for one in taken})
+            views: dict[str, Any] = {"over": {one.file: read_gray(self.store.path(one)) for one in taken}}
         elif way == "sweep":
             _write_table(self.store.root / "sweep" / "sweep.csv", taken)
-            views = PlaneViews(None, self.views("plane"), None)
+            views = {"sweep": self.views("plane")}
         else:
-            views = PlaneViews(self.views("plane"), None, None)
-        return find_plane(self.session, lens.camera, lens.board_shape, views)
+            views = {"jig": self.views("plane")}
+        return find_plane(self.session, lens.camera, lens.board_shape, **views)
 
     def work_plane(self) -> WorkPlane:
         """The antenna's work area as seen from the camera: by plane C if that is known, else by the answers."""

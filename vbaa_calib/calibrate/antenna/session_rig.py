@@ -15,7 +15,7 @@ from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adj
 from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, Prior
 from vbaa_calib.calibrate.antenna.learnt_paint import learn
 from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN, OFFSET
-from vbaa_calib.calibrate.antenna.residual_checks import check
+from vbaa_calib.calibrate.antenna.residual_checks import moment_noise
 from vbaa_calib.calibrate.antenna.settings import AntennaSettings
 from vbaa_calib.calibrate.pose.board_pose import require_size
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate, fused
@@ -337,9 +337,9 @@ def solve_antenna(session: Session, observations: Sequence[Observation], before:
     """Bundle adjustment of a session's static frames. Readings of a moment sensor that scatter clearly more than
     session.yaml states are weighted by their own scatter."""
     joint = adjust_bundle(observations, before, session.antenna.length_m, session.moment_std_Nm)
-    sensor = check(joint)
-    if sensor.noise_interval_95_Nm[0] > session.moment_std_Nm:
-        joint = adjust_bundle(observations, before, session.antenna.length_m, sensor.noise_Nm)
+    noise_Nm, (least_Nm, _) = moment_noise(joint)
+    if least_Nm > session.moment_std_Nm:
+        joint = adjust_bundle(observations, before, session.antenna.length_m, noise_Nm)
     return joint
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import NamedTuple
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -32,56 +32,17 @@ class BoardCorners(Rows):
     weight: float = 1.0  # of its residuals; less than 1 for a noisy view
 
 
-class _Corners(NamedTuple):
-    """Corners of V views: board points (N, 3) m, their derivatives by the board's shape (N, 3, 5), pixels (N, 2).
-
-    weights : (N,) of their residuals. bounds : (V + 1,), view v has corners bounds[v] to bounds[v + 1].
-    """
-
-    points_m: np.ndarray
-    deformation: np.ndarray
-    pixels: np.ndarray
-    weights: np.ndarray
-    bounds: np.ndarray
-
-
-class _LensState(NamedTuple):
-    """Unknowns of bundle adjustment: intrinsics (4 + k,), board shape (5,), poses (V, 6)."""
-
-    fisheye: bool
-    lens: np.ndarray
-    shape: np.ndarray
-    poses: np.ndarray
-
-
-class _Priors(NamedTuple):
-    """Priors of the board's shape, and the penalty on a lens that folds.
-
-    mean, std : (5,) of the shape's prior, Student's t, weighed by noise_px; zero where there is none.
-    least_slope : of the distorted radius by the ideal one, wherever the picture reaches; zero where there is none.
-    stiffness_px : residual of a slope of zero at one of the radii checked.
-    """
-
-    mean: np.ndarray
-    std: np.ndarray
-    noise_px: float
-    least_slope: float
-    stiffness_px: float
-    width: int
-    height: int
-    tail: float = LensSettings.shape_tail
-
-
-def _corners_of(observations: Sequence[BoardCorners]) -> _Corners:
-    """All views' corners, concatenated."""
+def _corners_of(observations: Sequence[BoardCorners]) -> SimpleNamespace:
+    """All views' corners as the core reads them, concatenated. bounds : (V + 1,), view v has corners bounds[v] to
+    bounds[v + 1]."""
     counts = [len(view.pixels) for view in observations]
     rigid = [np.zeros((len(v.pixels), 3, SHAPE)) if v.deformation is None else v.deformation for v in observations]
-    return _Corners(
-        np.concatenate([view.points_m for view in observations], dtype=float),
-        np.concatenate(rigid),
-        np.concatenate([view.pixels for view in observations], dtype=float),
-        np.repeat(np.array([view.weight for view in observations], float), counts),
-        np.concatenate([[0], np.cumsum(counts)]),
+    return SimpleNamespace(
+        points_m=np.concatenate([view.points_m for view in observations], dtype=float),
+        deformation=np.concatenate(rigid),
+        pixels=np.concatenate([view.pixels for view in observations], dtype=float),
+        weights=np.repeat(np.array([view.weight for view in observations], float), counts),
+        bounds=np.concatenate([[0], np.cumsum(counts)]),
     )
 
 
@@ -128,22 +89,28 @@ class Bundle:
         return replace(self, intrinsics=intrinsics, directions=free, shape=shape, prior=prior, noise_px=noise_px)
 
     @property
-    def state(self) -> _LensState:
+    def state(self) -> SimpleNamespace:
         """Lens, shape and poses, as the compiled core takes them."""
-        parts = (np.array(part, float) for part in (self.intrinsics, self.shape, self.poses))
-        return _LensState(self.model.is_fisheye, *parts)
+        lens, shape, poses = (np.array(part, float) for part in (self.intrinsics, self.shape, self.poses))
+        return SimpleNamespace(fisheye=self.model.is_fisheye, lens=lens, shape=shape, poses=poses)
 
     @property
-    def priors(self) -> _Priors:
-        """Priors and penalties, as the compiled core takes them."""
-        unfolding = self.unfolding or Unfolding(0.0, 0.0, (0, 0))
-        stiffness = float(np.sqrt(unfolding.weight_px2))
-        if self.prior is None:
-            return _Priors(
-                np.zeros(SHAPE), np.zeros(SHAPE), 0.0, unfolding.least_slope, stiffness, *unfolding.image_size
-            )
-        mean, std = (np.array(each, float) for each in (self.prior.mean, self.prior.std))
-        return _Priors(mean, std, float(self.noise_px), unfolding.least_slope, stiffness, *unfolding.image_size)
+    def priors(self) -> SimpleNamespace:
+        """Prior of the board's shape and penalty on a folding lens, as the compiled core takes them; zeros where there
+        is none. stiffness_px : residual of a slope of zero at one of the radii checked."""
+        unfolding, none = self.unfolding or Unfolding(0.0, 0.0, (0, 0)), np.zeros(SHAPE)
+        mean, std = (none, none) if self.prior is None else (self.prior.mean, self.prior.std)
+        width, height = unfolding.image_size
+        return SimpleNamespace(
+            mean=np.array(mean, float),
+            std=np.array(std, float),
+            noise_px=0.0 if self.prior is None else float(self.noise_px),
+            least_slope=unfolding.least_slope,
+            stiffness_px=float(np.sqrt(unfolding.weight_px2)),
+            width=width,
+            height=height,
+            tail=LensSettings.shape_tail,
+        )
 
     def unfolding_rows(self) -> tuple[np.ndarray, np.ndarray]:
         """Penalty residuals (m,) px at radii where the radial curve's slope is too small, and their negative

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from vbaa_calib.geometry import Pose
 from vbaa_calib.native import core
 from vbaa_calib.simulate.scene.lens import project
-from vbaa_calib.simulate.scene.objects import BOX_FACE_M, LINES, WEDGES, ObjectNumbers, TouchObject
+from vbaa_calib.simulate.scene.objects import BOX_FACE_M, LINES, WEDGES, TouchObject
 
 from .antenna import DepthOfObstacle
 from .picture import LAMP_WORLD, ImagePatch, Studio, frame_around
@@ -26,24 +26,18 @@ def _cast(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) -> tup
     return found
 
 
-class _Body(NamedTuple):
-    """The object's drawn shape, in the core's form.
-
-    sides : (K, 4) half-spaces normal·(x − centre) ≤ offset. across : (3, 3) projects on the directions across its axis.
-    reach_m : radius about the centre that holds it. steepest : how fast F grows at most along a way in a free form.
-    """
-
-    object: ObjectNumbers
-    sides: np.ndarray
-    across: np.ndarray
-    reach_m: float
-    steepest: float
-
-
-def _body(obj: TouchObject) -> _Body:
+def _body(obj: TouchObject) -> SimpleNamespace:
+    """The drawn shape as the core reads it: its sides as half-spaces (K, 4), a radius about the centre that holds it,
+    and how fast F grows at most along a line in a free form."""
     # exp(−½): largest slope of a bump, in its height over its width
     steepest = 1.0 + math.exp(-0.5) * sum(abs(one.height_m) / one.width_m for one in obj.bumps)
-    return _Body(obj.numbers, np.column_stack(flat_sides(obj)), obj.across, _reach_m(obj), steepest)
+    return SimpleNamespace(
+        object=obj.numbers,
+        sides=np.column_stack(flat_sides(obj)),
+        across=obj.across,
+        reach_m=_reach_m(obj),
+        steepest=steepest,
+    )
 
 
 def flat_sides(obj: TouchObject) -> tuple[np.ndarray, np.ndarray]:

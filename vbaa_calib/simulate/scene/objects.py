@@ -13,10 +13,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from types import SimpleNamespace
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
+from vbaa_calib.core.models import Number, ReadAs, array_of
 from vbaa_calib.native import core
 
 SHAPES = ("cylinder", "sphere", "knife_edge", "box_edge", "freeform")
@@ -26,6 +29,18 @@ LINES = ("cylinder", "knife_edge", "box_edge")
 WEDGES = ("knife_edge", "box_edge")
 BOX_FACE_M = 0.03
 """How deep a box's two faces are."""
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    largest = float(np.abs(vector).max())
+    if largest < 1e-9:
+        raise ValueError("has no length", "a direction in x, y, z is needed")
+    # scaled first: the square of a huge number is none
+    return vector / largest / np.linalg.norm(vector / largest)
+
+
+Direction = Annotated[np.ndarray, ReadAs(Annotated[np.ndarray, array_of(3)], _unit)]
+"""A unit vector, in scene files of any length."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,20 +53,9 @@ class Bump:
     height_m : above the ball. width_m : standard deviation of its Gaussian.
     """
 
-    direction_world: np.ndarray
-    height_m: float
-    width_m: float
-
-
-class ObjectNumbers(NamedTuple):
-    """An object in the core's form: its kind, vectors (3,), and bumps (K, 5): directions, heights and widths."""
-
-    kind: int
-    center_m: np.ndarray
-    axis: np.ndarray
-    wedge: np.ndarray
-    radius_m: float
-    bumps: np.ndarray
+    direction_world: Direction
+    height_m: Annotated[Number, Field(ge=-0.5, le=0.5)]
+    width_m: Annotated[Number, Field(ge=1e-4, le=1)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,12 +134,19 @@ class TouchObject:
         return core.simulate.rough_distances(self.numbers, points.reshape(-1, 3)).reshape(points.shape[:-1])
 
     @property
-    def numbers(self) -> ObjectNumbers:
+    def numbers(self) -> SimpleNamespace:
         """The object in the core's form."""
         center, axis, wedge = (
             np.ascontiguousarray(v, float) for v in (self.center_world_m, self.axis_world, self.wedge_world)
         )
-        return ObjectNumbers(SHAPES.index(self.shape), center, axis, wedge, float(self.radius_m), _rows(self.bumps))
+        return SimpleNamespace(
+            kind=SHAPES.index(self.shape),
+            center_m=center,
+            axis=axis,
+            wedge=wedge,
+            radius_m=float(self.radius_m),
+            bumps=_rows(self.bumps),
+        )
 
 
 def _rows(bumps: Sequence[Bump]) -> np.ndarray:

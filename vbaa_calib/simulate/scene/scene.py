@@ -13,7 +13,7 @@ from pydantic import Field, Strict
 from targets.board import BoardWithIds
 from vbaa_calib.antenna.rod import TORSION_RATIO, Rod
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.models import ArrayOf, Number, ReadAs, WholeNumber
+from vbaa_calib.core.models import Number, ReadAs, WholeNumber, array_of
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.session import NominalAntenna
 from vbaa_calib.session.settings import FilePose
@@ -23,30 +23,27 @@ from .objects import TouchObject
 
 
 def _radians(angle_deg: Any) -> Any:
-    """Degrees to radians, for a number or a pair."""
+    """degrees to radians, for a number or a pair."""
     if isinstance(angle_deg, tuple):
         return _radians(angle_deg[0]), _radians(angle_deg[1])
     return float(np.deg2rad(angle_deg))
 
 
-class Degrees(ReadAs):
+def degrees(low: float, high: float) -> ReadAs:
     """Annotation of an angle that the scene file has in degrees, between `low` and `high`."""
-
-    def __init__(self, low: float, high: float) -> None:
-        super().__init__(Annotated[Number, Field(ge=low, le=high)], _radians)
+    return ReadAs(Annotated[Number, Field(ge=low, le=high)], _radians)
 
 
-class _Range(ReadAs):
+def _range(low: float, high: float, convert: Callable[[Any], Any] = tuple) -> ReadAs:
     """Annotation of a pair of a smallest and a largest value, both between `low` and `high` in the file's units."""
 
-    def __init__(self, low: float, high: float, convert: Callable[[Any], Any] = tuple) -> None:
-        def rising(pair: tuple[float, float]) -> Any:
-            if pair[0] > pair[1]:
-                raise ValueError(f"falls from {pair[0]:g} to {pair[1]:g}", "give the smaller one first")
-            return convert(pair)
+    def rising(pair: tuple[float, float]) -> Any:
+        if pair[0] > pair[1]:
+            raise ValueError(f"falls from {pair[0]:g} to {pair[1]:g}", "give the smaller one first")
+        return convert(pair)
 
-        one = Annotated[Number, Field(ge=low, le=high)]
-        super().__init__(tuple[one, one], rising)
+    one = Annotated[Number, Field(ge=low, le=high)]
+    return ReadAs(tuple[one, one], rising)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,10 +62,10 @@ class TrueAntenna:
 
     stiffness_factor: Annotated[Number, Field(ge=0.1, le=10)] = 1.0
     tip_factor: Annotated[Number, Field(ge=0.05, le=20)] = 1.0
-    clamp_angle_rad: Annotated[np.ndarray, ArrayOf(2)] = field(default_factory=lambda: np.zeros(2))
-    clamp_offset_m: Annotated[np.ndarray, ArrayOf(3)] = field(default_factory=lambda: np.zeros(3))
-    natural_curvature_per_m: Annotated[np.ndarray, ArrayOf(2)] = field(default_factory=lambda: np.zeros(2))
-    holder_m: Annotated[np.ndarray, ArrayOf(2)] = field(default_factory=lambda: np.zeros(2))
+    clamp_angle_rad: Annotated[np.ndarray, array_of(2)] = field(default_factory=lambda: np.zeros(2))
+    clamp_offset_m: Annotated[np.ndarray, array_of(3)] = field(default_factory=lambda: np.zeros(3))
+    natural_curvature_per_m: Annotated[np.ndarray, array_of(2)] = field(default_factory=lambda: np.zeros(2))
+    holder_m: Annotated[np.ndarray, array_of(2)] = field(default_factory=lambda: np.zeros(2))
 
 
 @dataclass(frozen=True)
@@ -96,7 +93,7 @@ class WrenchSpec:
     std_N: Annotated[Number, Field(ge=1e-12, le=10)] = 3e-3
     std_Nm: Annotated[Number, Field(ge=1e-12, le=10)] = 2e-5
     T_antenna_sensor: FilePose = field(default_factory=Pose.identity)
-    turn_rad: Annotated[np.ndarray, ArrayOf(3, ge=-0.5, le=0.5)] = field(
+    turn_rad: Annotated[np.ndarray, array_of(3, ge=-0.5, le=0.5)] = field(
         default_factory=lambda: np.array([0.02, -0.024, 0.015])
     )
     gain: Annotated[Number, Field(ge=0.1, le=10)] = 1.02
@@ -202,16 +199,16 @@ class IntrinsicsSpec:
     """Pictures of the board in the hand: their number, and the ranges of distance and tilt."""
 
     pictures: Annotated[WholeNumber, Field(ge=1, le=1000)]
-    distance_m: Annotated[tuple[float, float], _Range(0.01, 10)]
-    tilt_rad: Annotated[tuple[float, float], _Range(0, 70, _radians), Field(alias="tilt_deg")]
+    distance_m: Annotated[tuple[float, float], _range(0.01, 10)]
+    tilt_rad: Annotated[tuple[float, float], _range(0, 70, _radians), Field(alias="tilt_deg")]
 
 
 @dataclass(frozen=True)
 class Joints:
     """The two joint angles."""
 
-    pan_rad: Annotated[float, Degrees(-180, 180), Field(alias="pan_deg")]
-    tilt_rad: Annotated[float, Degrees(-89, 89), Field(alias="tilt_deg")]
+    pan_rad: Annotated[float, degrees(-180, 180), Field(alias="pan_deg")]
+    tilt_rad: Annotated[float, degrees(-89, 89), Field(alias="tilt_deg")]
 
 
 @dataclass(frozen=True)
@@ -242,8 +239,8 @@ class Sweep:
     toward: Annotated[int, ReadAs(Literal["positive", "negative"], {"positive": 1, "negative": -1}.__getitem__)]
     frames: Annotated[WholeNumber, Field(ge=1, le=100_000)]
     free_frames: Annotated[WholeNumber, Field(ge=1, le=1000, default=2)]
-    clearance_rad: Annotated[float, Degrees(0.01, 90), Field(alias="clearance_deg", default=_radians(2.0))]
-    push_rad: Annotated[tuple[float, float], _Range(0.1, 60, _radians), Field(alias="push_deg")]
+    clearance_rad: Annotated[float, degrees(0.01, 90), Field(alias="clearance_deg", default=_radians(2.0))]
+    push_rad: Annotated[tuple[float, float], _range(0.1, 60, _radians), Field(alias="push_deg")]
     swells: Annotated[Number, Field(ge=0, le=100, default=1.0)]
     sweep_rad: Annotated[tuple[float, float], ReadAs(tuple[Number, Number], _radians), Field(alias="sweep_deg")]
 
@@ -272,9 +269,9 @@ class OverSpec:
     height_m: Annotated[Number, Field(ge=0, le=0.5)]
     center_m: tuple[Number, Number]
     pictures: Annotated[WholeNumber, Field(ge=1, le=100)]
-    turn_rad: Annotated[float, Degrees(-360, 360), Field(alias="turn_deg")] = 0.0
-    pan_rad: Annotated[float, Degrees(-180, 180), Field(alias="pan_deg")] = 0.0
-    tilt_rad: Annotated[float, Degrees(-90, 90), Field(alias="tilt_deg")] = 0.0
+    turn_rad: Annotated[float, degrees(-360, 360), Field(alias="turn_deg")] = 0.0
+    pan_rad: Annotated[float, degrees(-180, 180), Field(alias="pan_deg")] = 0.0
+    tilt_rad: Annotated[float, degrees(-90, 90), Field(alias="tilt_deg")] = 0.0
     shadow: _Share = 0.35
     penumbra_m: Annotated[Number, Field(ge=0, le=0.1)] = 1.5e-3
 

@@ -8,20 +8,19 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field, Strict
+from pydantic import AfterValidator, BeforeValidator, Field, Strict
 
 from targets.board import FileBoard
 from vbaa_calib.core.errors import InputError, about
 from vbaa_calib.core.files import read_yaml
-from vbaa_calib.core.models import ArrayOf, FileModel, Number, ReadAs, WholeNumber, checked
+from vbaa_calib.core.models import FileModel, Number, ReadAs, WholeNumber, array_of, checked
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.session import NominalAntenna
 from vbaa_calib.session.settings import AnyLength, CameraName, Diameter, FilePose, FileProfile, Gravity
 
 from .lens import Lens, invertible
-from .objects import LINES, WEDGES, Bump, TouchObject
+from .objects import LINES, WEDGES, Bump, Direction, TouchObject
 from .scene import (
-    Degrees,
     IntrinsicsSpec,
     Joints,
     KnownLoad,
@@ -34,6 +33,7 @@ from .scene import (
     TrueAntenna,
     WrenchSpec,
     camera_pose,
+    degrees,
 )
 
 _Side = Annotated[WholeNumber, Field(ge=16, le=20_000)]
@@ -41,11 +41,11 @@ _Side = Annotated[WholeNumber, Field(ge=16, le=20_000)]
 
 @dataclass(frozen=True, eq=False)
 class _LookAt:
-    inclination_rad: Annotated[float, Degrees(0, 80), Field(alias="inclination_deg")]
+    inclination_rad: Annotated[float, degrees(0, 80), Field(alias="inclination_deg")]
     distance_m: Annotated[Number, Field(ge=0.01, le=10)]
-    look_at_m: Annotated[np.ndarray, ArrayOf(3)]
-    azimuth_rad: Annotated[float, Degrees(-360, 360), Field(alias="azimuth_deg")] = np.pi
-    roll_rad: Annotated[float, Degrees(-180, 180), Field(alias="roll_deg")] = 0.0
+    look_at_m: Annotated[np.ndarray, array_of(3)]
+    azimuth_rad: Annotated[float, degrees(-360, 360), Field(alias="azimuth_deg")] = np.pi
+    roll_rad: Annotated[float, degrees(-180, 180), Field(alias="roll_deg")] = 0.0
 
 
 def _camera_matrix(matrix: np.ndarray) -> np.ndarray:
@@ -59,7 +59,7 @@ def _camera_matrix(matrix: np.ndarray) -> np.ndarray:
 @dataclass(frozen=True, eq=False)
 class _SceneCamera:
     image_size: tuple[_Side, _Side]
-    matrix: Annotated[np.ndarray, ReadAs(Annotated[np.ndarray, ArrayOf(3, 3)], _camera_matrix)]
+    matrix: Annotated[np.ndarray, ReadAs(Annotated[np.ndarray, array_of(3, 3)], _camera_matrix)]
     distortion: Annotated[list[Number], Strict()] = field(default_factory=list)
     model: Literal["opencv", "fisheye"] = "opencv"
     pose: Annotated[Pose, ReadAs(_LookAt, lambda read: camera_pose(**vars(read)))] | None = None
@@ -81,45 +81,27 @@ def _lens_and_pose(read: _SceneCamera) -> tuple[Lens, Pose]:
     return lens, pose
 
 
-def _direction(vector: np.ndarray) -> np.ndarray:
-    largest = float(np.abs(vector).max())
-    if largest < 1e-9:
-        raise ValueError("has no length", "a direction in x, y, z is needed")
-    # scaled first: the square of a huge number is none
-    return vector / largest / np.linalg.norm(vector / largest)
-
-
-_Direction = Annotated[np.ndarray, ReadAs(Annotated[np.ndarray, ArrayOf(3)], _direction)]
-
-
-@dataclass(frozen=True, eq=False)
-class _SceneBump:
-    direction_world: _Direction
-    height_m: Annotated[Number, Field(ge=-0.5, le=0.5)]
-    width_m: Annotated[Number, Field(ge=1e-4, le=1)]
-
-
-def _bump(read: _SceneBump) -> Bump:
+def _gentle(bump: Bump) -> Bump:
     # up to such a height over its width `objects.implicit` grows outwards near the surface: its slope there is above
     # 1 − 0.61·0.5
     steepest = 0.5
-    if abs(read.height_m) > steepest * read.width_m:
-        what = f"does not fit: a bump {read.height_m} m high and {read.width_m} m wide is too steep"
+    if abs(bump.height_m) > steepest * bump.width_m:
+        what = f"does not fit: a bump {bump.height_m} m high and {bump.width_m} m wide is too steep"
         raise ValueError(what, f"keep its height below {steepest} of its width", "height_m")
-    return Bump(**vars(read))
+    return bump
 
 
 @dataclass(frozen=True, eq=False)
 class _Object:
     shape: Literal["cylinder", "sphere", "knife_edge", "box_edge", "freeform"]
-    center_world_m: Annotated[np.ndarray, ArrayOf(3)]
+    center_world_m: Annotated[np.ndarray, array_of(3)]
     radius_m: Annotated[Number, Field(ge=1e-6, le=1)]
-    axis_world: _Direction | None = None
-    wedge_world: _Direction | None = None
+    axis_world: Direction | None = None
+    wedge_world: Direction | None = None
     half_length_m: Annotated[Number, Field(ge=1e-3, le=10)] = 0.1
     stiffness_N_m: Annotated[Number, Field(ge=1e-3, le=1e12)] = float("inf")
     friction: Annotated[Number, Field(ge=0, le=2)] = 0.0
-    bumps: Annotated[list[Annotated[Bump, ReadAs(_SceneBump, _bump)]], Strict(), Field(min_length=1)] | None = None
+    bumps: Annotated[list[Annotated[Bump, AfterValidator(_gentle)]], Strict(), Field(min_length=1)] | None = None
 
 
 def _touch_object(read: _Object) -> TouchObject:
@@ -176,10 +158,10 @@ class _SceneJig:
 @dataclass(frozen=True, eq=False)
 class _SceneKinematics:
     T_actuator_antenna: FilePose = field(default_factory=Pose.identity)
-    position_world_m: Annotated[np.ndarray, ArrayOf(3)] = field(default_factory=lambda: np.zeros(3))
-    axis_skew_rad: Annotated[float, Degrees(-20, 20), Field(alias="axis_skew_deg")] = 0.0
+    position_world_m: Annotated[np.ndarray, array_of(3)] = field(default_factory=lambda: np.zeros(3))
+    axis_skew_rad: Annotated[float, degrees(-20, 20), Field(alias="axis_skew_deg")] = 0.0
     axis_offset_m: Annotated[Number, Field(ge=-0.5, le=0.5)] = 0.0
-    tilt_zero_rad: Annotated[float, Degrees(-20, 20), Field(alias="tilt_zero_deg")] = 0.0
+    tilt_zero_rad: Annotated[float, degrees(-20, 20), Field(alias="tilt_zero_deg")] = 0.0
 
 
 class _SceneFile(FileModel):
