@@ -1,9 +1,9 @@
 """The same answers on every processor: `make processors`.
 
-Each scene is simulated once. Then child processes calibrate it, estimate contacts and object, and make the error
-budget, each as another processor would: with another kernel of OpenBLAS, without the wider instructions of NumPy
-and OpenCV, with two threads. What they report is held against this machine's own, in deviations; the table is in
-benchmarks/processors.md. The variables are set for the child processes alone. Exit 1 where anything is apart.
+Each scene is simulated once. Then child processes calibrate it and estimate its contacts, each as another processor
+would: with another kernel of OpenBLAS, without the wider instructions of NumPy and OpenCV, with two threads. Their
+results are compared with this machine's own, in deviations; the table is in benchmarks/processors.md. The variables
+are set for the child processes alone. Exit 1 where anything is apart.
 """
 
 from __future__ import annotations
@@ -31,9 +31,7 @@ from threadpoolctl import threadpool_info
 
 from benchmarks.harness import markdown, replace_marked
 from benchmarks.real_sets import SETS
-from estimator.budget.budget import Budget, error_budget
 from estimator.contact.contacts import Contacts
-from estimator.object.estimate import ObjectEstimate, estimate_object
 from estimator.table.contacts import ContactTable
 from estimator.table.files import read_contacts
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
@@ -44,9 +42,6 @@ from vbaa_calib.native import core, levels
 from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.scene.scene import bundled_scene
 from viz.cli.demo import SCENES
-
-ACROSS, _NORMALS = "surface", "normals"
-"""Names of a surface's points, which are compared across it, and of the normals along which that is done."""
 
 
 @dataclass
@@ -87,20 +82,9 @@ class Apart:
 def apart(one: Report, other: Report) -> Apart:
     """The difference of two reports in deviations of the first one."""
     names = sorted(one.numbers.keys() | other.numbers.keys())
-    deviations = {}
-    for name in names:
-        mine, theirs = one.numbers.get(name), other.numbers.get(name)
-        if name.endswith(ACROSS) and mine is not None and theirs is not None and mine[0].size == theirs[0].size:
-            mine, theirs = (_across(pair, one.numbers[name.replace(ACROSS, _NORMALS)][0]) for pair in (mine, theirs))
-        deviations[name] = _difference(mine, theirs)
+    deviations = {name: _difference(one.numbers.get(name), other.numbers.get(name)) for name in names}
     said = sorted(one.statuses.keys() | other.statuses.keys())
     return Apart(deviations, [name for name in said if one.statuses.get(name) != other.statuses.get(name)])
-
-
-def _across(pair: tuple[np.ndarray, np.ndarray], normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points (N, 3) along given normals (N, 3), and their deviations across the surface (N,)."""
-    points, std = (part.reshape(-1, 3) for part in pair)
-    return (points * normals.reshape(-1, 3)).sum(axis=1), std[:, 0]
 
 
 def _difference(one: tuple[np.ndarray, np.ndarray] | None, other: tuple[np.ndarray, np.ndarray] | None) -> float:
@@ -175,37 +159,6 @@ def of_contacts(found: Contacts | ContactTable) -> Report:
     return report
 
 
-def of_budget(budget: Budget) -> Report:
-    """An error budget: every part, in parts of the whole deviation of its result."""
-    report = Report()
-    for name, result in budget.results.items():
-        parts = [[part.std, part.if_halved, part.if_exact] for part in result.parts.values()]
-        report.add(name, parts, result.std, own=False)
-        report.add(f"{name}: whole", result.std, result.std, own=False)
-    report.statuses = {"touches": len(budget.touches), "first": budget.first, "exact": list(budget.exact)}
-    return report
-
-
-def of_object(felt: ObjectEstimate, contacts: ContactTable) -> Report:
-    """The object that contacts tell of: shape, normals, friction, stiffness, events."""
-    report, surface, friction, soft = Report(), felt.surface, felt.friction, felt.compliance
-    # across the surface its own deviation counts, along it the contact's
-    std, along = surface.touched_std_m[:, None], _std(contacts.covariance_world_m2[surface.touched_row])
-    report.add(ACROSS, surface.touched_m, std)
-    report.add("surface's points", surface.touched_m, np.hypot(std, along), own=False)
-    report.add(_NORMALS, surface.touched_normal, _std(surface.touched_normal_covariance))
-    report.add("friction", friction.mu, friction.std)
-    report.add("compliance", soft.compliance_m_N, soft.std_m_N)
-    report.statuses = {
-        "patches": surface.touched_patch.tolist(),
-        "triangles": len(surface.triangles),
-        "friction": [friction.determined, list(map(str, friction.used_as))],
-        "stiffness": soft.determined,
-        "events": [[event.kind, int(event.frame)] for event in felt.track.events],
-    }
-    return report
-
-
 def _std(covariances: np.ndarray) -> np.ndarray:
     return np.sqrt(np.maximum(np.diagonal(covariances, axis1=1, axis2=2), 0.0))
 
@@ -223,7 +176,7 @@ ALIKE = 1e-3
 """Deviations by which a number may differ from one processor to another."""
 WAYS = "three ways"
 """The demo's scene with few frames, whose plane C is found by jig, sweep and the board under the antenna."""
-STAGES = ("calibration", "contacts", "budget", "object")
+STAGES = ("calibration", "contacts")
 _KERNELS = {"Nehalem": "SSE42", "Sandybridge": "AVX", "Haswell": "AVX2", "Zen": "AVX2", "SkylakeX": "AVX512_SKX"}
 """OpenBLAS' kernels, each with what a processor must have to run it, as NumPy calls it."""
 
@@ -317,8 +270,6 @@ def _whole_way(session: Path) -> dict[str, Report]:
     return {
         "calibration": of_rig(rig),
         "contacts": of_contacts(contacts),
-        "budget": of_budget(error_budget(rig)),
-        "object": of_object(estimate_object(contacts, rig), contacts),
     }
 
 

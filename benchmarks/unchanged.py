@@ -1,11 +1,9 @@
 """What a change of structure must not change: this tree's results against those of an older commit, on this machine.
 
-    python -m benchmarks.unchanged REVISION [--within 1e-9] [--only scenes hostile bench] [--keep FOLDER]
+    python -m benchmarks.unchanged REVISION [--within 1e-9] [--keep FOLDER]
 
-Both trees run the same things: three demo scenes from simulation to object (`scenes`), every row of the hostile suite
-(`hostile`: exit code, files and lines named), the quick benchmark tables without their clock columns (`bench`).
-Results of a commit are kept in FOLDER and not measured twice. Exit code 1, and a line for each difference, where
-they are apart.
+Both trees run three demo scenes from simulation to object. Results of a commit are kept in FOLDER and not measured
+twice. Exit code 1, and a line for each difference, where they are apart.
 """
 
 from __future__ import annotations
@@ -17,7 +15,6 @@ import io
 import json
 import math
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -26,17 +23,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = ("demo", "upright_knife", "steep_sphere")
-PARTS = ("scenes", "hostile", "bench")
-SUBJECTS = ("metric", "calibration", "vision", "estimator", "object", "chain", "coverage", "paper")
-"""Those whose tables are not timings alone."""
-_CLOCK = re.compile(
-    r"(^|_)(s|ms|us|seconds|read|live|batch)(_|$)|per_s$|us_per|_ms$|(^|_)time|^ratio$|MB|share|typical|exponent"
-)
-"""Columns of a benchmark table that hang on the clock; `ratio` is of times in metric.csv alone."""
 _OURS_ALONE = ("created", "command", "versions", "inputs", "seconds", "argv", "rig_file", "session", "files", "report")
 """Keys of JSON files about the run, not its result."""
 
@@ -44,16 +32,11 @@ _OURS_ALONE = ("created", "command", "versions", "inputs", "seconds", "argv", "r
 # --- what one tree gives; the working directory is that tree, and comes first on sys.path
 
 
-def record(part: str, folder: Path) -> None:
-    """Run one part with the tree in the working directory and leave its results in a folder."""
-    folder.mkdir(parents=True, exist_ok=True)
-    {"scenes": _scenes, "hostile": _hostile, "bench": _bench}[part](folder)
-
-
-def _scenes(folder: Path) -> None:
+def record(folder: Path) -> None:
+    """Run the scenes with the tree in the working directory and leave their results in a folder."""
     for name in SCENES:
         place = folder / name
-        place.mkdir(exist_ok=True)
+        place.mkdir(parents=True, exist_ok=True)
         steps = (
             f"simulate {name} -o session",
             "calibrate session -o rig.json",
@@ -74,17 +57,8 @@ def _scenes(folder: Path) -> None:
         shutil.rmtree(place / "session")
 
 
-def _bench(folder: Path) -> None:
-    for subject in SUBJECTS:
-        _vbaa(f"bench {subject} --quick --out {folder} --force", Path.cwd())
-    for path in folder.glob("*.png"):
-        path.unlink()
-    for subject in SUBJECTS:
-        (folder / f"{subject}.json").unlink(missing_ok=True)
-
-
 def _vbaa(line: str, place: Path) -> str:
-    """What the command prints. A part in which one fails is none."""
+    """What the command prints. Raises SystemExit where it fails."""
     environment = os.environ | {"PYTHONPATH": str(Path.cwd()), "OMP_NUM_THREADS": "1"}
     command = [
         sys.executable,
@@ -98,61 +72,31 @@ def _vbaa(line: str, place: Path) -> str:
     return done.stdout
 
 
-def _hostile(folder: Path) -> None:
-    plugin = _Refusals()
-    code = pytest.main(
-        ["tests/hostile/test_refused.py::test_it_is_refused", "-q", "--no-header", "-p", "no:cacheprovider"], [plugin]
-    )
-    if code or not plugin.found:
-        raise SystemExit(f"{Path.cwd()}: the hostile rows fail (pytest: {code}, {len(plugin.found)} rows)")
-    (folder / "refusals.json").write_text(json.dumps(plugin.found, indent=0, sort_keys=True))
-
-
-class _Refusals:
-    """Plugin of pytest: notes code, files and lines of every row instead of judging them."""
-
-    def __init__(self) -> None:
-        self.found: dict[str, list[Any]] = {}
-
-    def pytest_collection_finish(self, session: pytest.Session) -> None:
-        sys.modules["tests.hostile.test_refused"].expect_refused = self._note  # type: ignore[attr-defined]
-
-    def _note(self, code: int, _out: str, err: str, _words: object) -> None:
-        row = os.environ["PYTEST_CURRENT_TEST"].partition("[")[2].rpartition("]")[0]
-        places = re.findall(r"[\w/.-]+\.(?:csv|json|yaml|png|txt|vtp|ply|glb)\b|line \d+", err)
-        self.found[row] = [code, sorted(set(places))]
-
-
 # --- two trees side by side
 
 
-def against(revision: str, parts: list[str], within: float, keep: Path) -> list[str]:
+def against(revision: str, within: float, keep: Path) -> list[str]:
     """Differences, one line each; results of `revision` are taken from `keep` where it has them."""
     commit = _git("rev-parse", revision)
-    apart = []
-    for part in parts:
-        old = keep / commit / part
-        if not (old / "done").exists():
-            with tempfile.TemporaryDirectory() as name:
-                tree = Path(name, "tree")
-                _git("worktree", "add", "--detach", str(tree), commit)
-                try:
-                    _run_part(part, tree, old)
-                finally:
-                    _git("worktree", "remove", "--force", str(tree))
-        new = keep / "this" / part
-        shutil.rmtree(new, ignore_errors=True)
-        _run_part(part, ROOT, new)
-        apart += [f"{part}/{line}" for line in differences(old, new, within)]
-    return apart
+    old, new = keep / commit / "scenes", keep / "this" / "scenes"
+    if not (old / "done").exists():
+        with tempfile.TemporaryDirectory() as name:
+            tree = Path(name, "tree")
+            _git("worktree", "add", "--detach", str(tree), commit)
+            try:
+                _recorded(tree, old)
+            finally:
+                _git("worktree", "remove", "--force", str(tree))
+    shutil.rmtree(new, ignore_errors=True)
+    _recorded(ROOT, new)
+    return list(differences(old, new, within))
 
 
-def _run_part(part: str, tree: Path, folder: Path) -> None:
-    # -P: this script's folder has a `coverage`, which is not the package of that name
-    command = [sys.executable, "-P", str(Path(__file__).resolve()), "--record", part, "--keep", str(folder.resolve())]
+def _recorded(tree: Path, folder: Path) -> None:
+    command = [sys.executable, "-P", str(Path(__file__).resolve()), "--record", "--keep", str(folder.resolve())]
     done = subprocess.run(command, cwd=tree, env=os.environ | {"PYTHONPATH": str(tree)}, check=False)
     if done.returncode or not any(path.stat().st_size for path in folder.rglob("*")):
-        raise SystemExit(f"{part} of {tree} failed: there is nothing to compare")
+        raise SystemExit(f"{tree} failed: there is nothing to compare")
     (folder / "done").touch()
 
 
@@ -174,11 +118,7 @@ def differences(old: Path, new: Path, within: float) -> Iterator[str]:
 
 def _read(path: Path) -> Any:
     text = path.read_text(encoding="utf-8")
-    if path.suffix == ".json":
-        return json.loads(text)
-    rows = csv.DictReader(io.StringIO(text))
-    clock = path.parent.name == "bench"
-    return [{key: cell for key, cell in row.items() if not (clock and _CLOCK.search(key))} for row in rows]
+    return json.loads(text) if path.suffix == ".json" else list(csv.DictReader(io.StringIO(text)))
 
 
 def _apart(one: Any, other: Any, within: float, where: str) -> Iterator[str]:
@@ -201,19 +141,18 @@ def _close(one: Any, other: Any, within: float) -> bool:
 
 
 def main() -> int:
-    """The command line above; `--record PART` is what it calls in each tree."""
+    """The command line above; `--record` is what it calls in each tree."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("revision", nargs="?", default="HEAD")
     parser.add_argument("--within", type=float, default=0.0, help="relative tolerance of numbers (default: none)")
-    parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS))
     parser.add_argument("--keep", type=Path, default=Path(tempfile.gettempdir(), "vbaa-unchanged"))
-    parser.add_argument("--record", choices=PARTS, help=argparse.SUPPRESS)
+    parser.add_argument("--record", action="store_true", help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.record:
         sys.path.insert(0, str(Path.cwd()))
-        record(args.record, args.keep)
+        record(args.keep)
         return 0
-    apart = against(args.revision, args.only, args.within, args.keep)
+    apart = against(args.revision, args.within, args.keep)
     print("\n".join(apart) or "unchanged")
     return int(bool(apart))
 

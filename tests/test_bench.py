@@ -14,12 +14,10 @@ from benchmarks.chain.methods import OURS
 from benchmarks.coverage.coverage import JUDGED, coverage_rigs, outcome
 from benchmarks.coverage.coverage import run as run_coverage
 from benchmarks.estimator import grid as estimator_grid
-from benchmarks.estimator import rods as estimator_rods
 from benchmarks.estimator.bound import QUANTITIES
 from benchmarks.estimator.grid import summary
 from benchmarks.estimator.hard import CASES, Hard, estimated, judged_at_random, resized
 from benchmarks.estimator.hard import run as run_hard
-from benchmarks.estimator.rods import POPULATIONS
 from benchmarks.estimator.setup import Setup
 from benchmarks.suite import SUBJECTS
 from benchmarks.vision.vision import hardships
@@ -93,17 +91,6 @@ def test_the_whole_grid_meets_its_goals() -> None:
         # of 1620 numbers one in six hundred may lie beyond by noise alone
         assert line.clearly <= 2, line
         assert not {"of_bound": line.pooled > 1.02, "bias": abs(line.pooled) > 0.05}.get(line.measure, False), line
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", range(4))
-def test_the_rod_meets_its_goals(number: int) -> None:
-    (row,) = estimator_rods.run(400, 4, chosen=[POPULATIONS[number]])
-    # the goal, less two standard errors of so many frames
-    assert row.small_bias >= 0.98
-    assert row.location <= 0.01
-    assert row.force <= 0.02
-    assert 0.92 < row.l_covered < 0.98
 
 
 def test_hard_cases_never_raise_and_keep_to_their_deviations() -> None:

@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 import pytest
 
 from benchmarks.mistakes.mistakes import (
     ALARM,
-    CLEAN,
     NAMED_RIGHT,
-    PICTURED,
     RECORDED,
     SILENT,
     TABLES,
@@ -20,9 +17,7 @@ from benchmarks.mistakes.mistakes import (
     Outcome,
     clean_pair,
     drawn,
-    judged_pictures,
 )
-from benchmarks.mistakes.pictures import SCENES, clean_pictures
 from benchmarks.mistakes.recordings import DOUBTED, NAMED, Mistake
 from benchmarks.mistakes.rigs import KINDS
 
@@ -68,7 +63,7 @@ class TestRecordings:
 
     @pytest.mark.slow
     def test_all_mistakes_on_all_rigs(self) -> None:
-        check(outcomes(RECORDED, draws=4, rigs=range(len(KINDS))) + outcomes(PICTURED, rigs=range(len(KINDS))))
+        check(outcomes(RECORDED, draws=4, rigs=range(len(KINDS))))
 
 
 class TestSessions:
@@ -95,14 +90,3 @@ class TestCleanMaterial:
         assert len(doubted) <= MOST_DOUBTED * len(found), doubted
         far = [(what, one) for what, one in found if one.worst_std > LOUD_STD]
         assert len(far) <= 0.01 * len(found), far
-
-    @pytest.mark.slow
-    @pytest.mark.parametrize("traced", [False, True], ids=["drawn", "traced"])
-    @pytest.mark.parametrize("name", SCENES)
-    def test_nothing_is_reported_of_pictures(self, name: str, traced: bool) -> None:
-        if traced:
-            pytest.importorskip("mitsuba")
-        found = judged_pictures(CLEAN, clean_pictures(name, 3, traced), np.random.default_rng(0))
-        assert found.severity in ("none", "note"), found
-        assert found.located > 20
-        assert found.worst_std < LOUD_STD

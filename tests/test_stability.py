@@ -1,36 +1,26 @@
 """Inputs moved by 1e-12 of themselves, and in another order, move no answer: rounding decides nothing.
 
-The answers of every stage, from detected corners to the object felt: no reported number by more than `MOST` of its
-deviation, and no status. A short form here; all scenes, lenses and photo sets among the slow tests.
+Lenses from corners and contacts from centrelines: no reported number by more than `MOST` of its deviation, and no
+status. A short form here; all lens models and photo sets among the slow tests.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import cache
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 import pytest
-import yaml
 
 from benchmarks.estimator.hard import CASES, Hard
-from benchmarks.processors import WAYS, Report, apart, of_contacts, of_lens, simulated
+from benchmarks.processors import Report, apart, of_contacts, of_lens
 from estimator import ContactEstimator
-from estimator.contact.recording import estimate_pictures
-from estimator.table.contacts import ContactRow, ContactTable
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
 from vbaa_calib.calibrate.lens.models import LENS_MODELS
-from vbaa_calib.calibrate.pipeline import calibrate
-from vbaa_calib.cli.main import main
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.rig import Rig
-from vbaa_calib.session import Session, load_session, read_recording
-from viz.cli.demo import SCENES
 
 from .calibrate.photo_sets import detected
-from .small_scene import small_rig, small_scene
 
 MOVED, MOST, MOST_OF_LENS = 1e-12, 1e-4, 1e-6
 """Part of themselves by which the inputs are moved, and part of its deviation by which a number may move."""
@@ -78,45 +68,6 @@ def test_lenses_of_real_photographs(name: str, model: str) -> None:
         order = rng.permutation(len(views))
         others = [moved_view(views[index], rng) for index in order]
         held(one, of_lens(solve_intrinsics(others, spec, model, least)), MOST_OF_LENS)
-
-
-# sessions to rigs, contacts, budgets and objects
-
-
-@dataclass(frozen=True, eq=False)
-class Done:
-    """A session and a rig that was calibrated for its camera."""
-
-    session: Session
-    rig: Rig
-
-
-def short_session(folder: Path) -> Path:
-    """The demo's scene, small; what `small_rig` is calibrated from, with a longer recording."""
-    scene = small_scene(noload=3, loads=(1, 3, 8, 9))
-    scene["recording"]["sweeps"][0] |= {"frames": 6, "free_frames": 1}
-    (folder / "scene.yaml").write_text(yaml.safe_dump(scene))
-    assert main(["simulate", str(folder / "scene.yaml"), "-o", str(folder / "session")]) == 0
-    return folder / "session"
-
-
-@pytest.fixture(
-    scope="module", params=["short", *(pytest.param(name, marks=pytest.mark.slow) for name in (*SCENES, WAYS))]
-)
-def done(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Done:
-    folder = tmp_path_factory.mktemp("stable")
-    if request.param == "short":
-        return Done(load_session(short_session(folder)), Rig.load(small_rig() / "rig.json"))
-    session = load_session(simulated(folder, [request.param])[request.param])
-    return Done(session, calibrate(session).rig)
-
-
-@cache
-def table(rig: Rig, session: Session) -> ContactTable:
-    frames = list(read_recording(session))
-    found = estimate_pictures(ContactEstimator(rig), frames)
-    rows = [ContactRow.of(each.frame, each.contact) for each in found]
-    return ContactTable.from_rows(rows)
 
 
 # centrelines to contacts

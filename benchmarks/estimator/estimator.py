@@ -7,7 +7,7 @@ from typing import Any
 
 from benchmarks.harness import Findings, Options
 
-from . import grid, hard, rods
+from . import grid, hard
 
 _MATCHED = "elastica"
 """The rung without error on the grid's straight, weightless antenna: the grid is to show noise, not the ladder."""
@@ -18,17 +18,14 @@ def measure(options: Options) -> Findings:
     draws, seed, quick = options.draws, options.seed, options.quick
     cells = grid.run(draws, seed, model=_MATCHED)
     lines = grid.summary(cells)
-    populations, per_draw = (rods.FIRST_LOOK, 0.5) if quick else (rods.POPULATIONS, 2.0)
-    real = rods.run(max(int(per_draw * draws), 6), seed, chosen=populations)
     cases = hard.run(max(draws // 2, 4), seed)
     random = hard.hostile((50 if quick else 100) * draws, seed)
     texts = (
         grid.grid_text(cells, lines),
-        rods.rod_text(real),
         hard.hard_text(cases),
         hard.hostile_text(random),
     )
-    found: dict[str, Sequence[Any]] = {"grid": cells, "rods": real, "hard": cases, "random": random}
+    found: dict[str, Sequence[Any]] = {"grid": cells, "hard": cases, "random": random}
     told = {line.measure: line for line in lines if line.quantity == "l"}
     headline = "no kind of scene could be judged"
     if told:

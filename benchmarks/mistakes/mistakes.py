@@ -16,12 +16,10 @@ import numpy as np
 from benchmarks.figures import AMBER, GREEN, RED, label, panels
 from benchmarks.harness import Findings, Options, column, replace_marked, table
 from estimator import ContactEstimator, recording_verdict
-from estimator.contact.recording import estimate_pictures
-from estimator.table.contacts import LOCATED, Contact, Measured
+from estimator.table.contacts import LOCATED, Contact
 from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError, Verdict
 
-from .pictures import PICTURES, SCENES, Pictured, clean_pictures
 from .recordings import (
     DOUBTED,
     NAMED,
@@ -68,25 +66,9 @@ def judged(mistake: Mistake[Recording], clean: Recording, rng: np.random.Generat
     try:
         recording = mistake.altered(clean, rng)
         contacts = list(ContactEstimator(recording.rig).run(recording.frames))
-        return _judged(mistake, recording, recording.frames, contacts)
     except InputError as error:
         return _refused(mistake, error)
-
-
-def judged_pictures(mistake: Mistake[Pictured], clean: Pictured, rng: np.random.Generator) -> Outcome:
-    """A recording with a mistake in its pictures, estimated."""
-    try:
-        recording = mistake.altered(clean, rng)
-        found = list(estimate_pictures(ContactEstimator(recording.rig), recording.frames))
-        return _judged(mistake, recording, [one.measured for one in found], [one.contact for one in found])
-    except InputError as error:
-        return _refused(mistake, error)
-
-
-def _judged(
-    mistake: Mistake[Data], recording: Recording | Pictured, several: Sequence[Measured], contacts: Sequence[Contact]
-) -> Outcome:
-    verdict = recording_verdict(recording.rig, several, contacts)
+    verdict = recording_verdict(recording.rig, recording.frames, contacts)
     names = tuple(one.name for one in verdict.findings)
     located = sum(one.status in LOCATED for one in contacts)
     # where the joints are not to be tested, and that is reported, only what the antenna's own frame says is judged
@@ -157,8 +139,8 @@ CLEAN: Mistake[Any] = Mistake("nothing", NOTHING, frozenset(), lambda was, rng: 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-RECORDED, PICTURED, TAKEN = "recording", "pictures", "session"
-TABLES: dict[str, Sequence[Mistake[Any]]] = {RECORDED: RECORDING, PICTURED: PICTURES, TAKEN: SESSION}
+RECORDED, TAKEN = "recording", "session"
+TABLES: dict[str, Sequence[Mistake[Any]]] = {RECORDED: RECORDING, TAKEN: SESSION}
 
 
 @dataclass(frozen=True)
@@ -198,8 +180,7 @@ def outcomes(options: Options) -> Iterator[tuple[str, Mistake[Any], str, Outcome
         if not options.quick or index % len(KINDS) == number
     ]
     for name, index, mistake, number, draw in progress(tasks, "mistakes"):
-        rig = list(SCENES)[number] if name == PICTURED else KINDS[number].name
-        yield name, mistake, rig, drawn(name, mistake, number, (options.seed, index, draw))
+        yield name, mistake, KINDS[number].name, drawn(name, mistake, number, (options.seed, index, draw))
 
 
 def drawn(name: str, mistake: Mistake[Any], number: int, seed: tuple[int, int, int]) -> Outcome:
@@ -207,15 +188,11 @@ def drawn(name: str, mistake: Mistake[Any], number: int, seed: tuple[int, int, i
     rng, own = np.random.default_rng((*seed, number)), 100 * seed[0] + 10 * seed[1] + seed[2]
     if name == TAKEN:
         return judged_session(mistake, clean_session(KINDS[number], own), rng)
-    if name == PICTURED:
-        return judged_pictures(mistake, clean_pictures(list(SCENES)[number], seed[0]), rng)
     return judged(mistake, clean_recording(KINDS[number], own, int(rng.choice([60, 100, 150]))), rng)
 
 
 def clean_outcomes(options: Options) -> Iterator[tuple[str, Outcome]]:
     """Sessions and recordings without a mistake, of rigs unlike ours; a quarter of the recordings has no free frame."""
-    for scene in list(SCENES)[:1] if options.quick else SCENES:
-        yield PICTURED, judged_pictures(CLEAN, clean_pictures(scene, options.seed), np.random.default_rng(0))
     for seed in progress(range(8 * options.draws if not options.quick else 4), "clean"):
         yield from clean_pair((options.seed, seed))
 
@@ -277,7 +254,7 @@ def shares(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
 
 def figure(rows: Sequence[Row]) -> Figure:
     """How often each mistake is named, doubted, and passed over, over all rigs."""
-    drawn, every = panels(3, 3, (5.0, 10.0))
+    drawn, every = panels(2, 2, (5.0, 10.0))
     for panel, name in zip(every, TABLES, strict=True):
         whats = list(dict.fromkeys(row.what for row in rows if row.table == name and row.must != NOTHING))
         left = np.zeros(len(whats))

@@ -300,24 +300,22 @@ def _later(values: np.ndarray) -> np.ndarray:
     return np.concatenate([values[..., :1], values[..., :-1]], axis=-1)
 
 
-def frozen_rows(
-    count: int, rng: np.random.Generator, begins: tuple[float, float] = (0.3, 0.7), longest: int = 20
-) -> np.ndarray:
-    """(F,) rows of which 8 or more, but fewer than the longest, stand for the first of them."""
-    rows, begin = np.arange(count), int(count * rng.uniform(*begins))
-    rows[begin : begin + int(rng.integers(8, longest))] = begin
+def _frozen_rows(count: int, rng: np.random.Generator) -> np.ndarray:
+    """(F,) rows of which 8 or more, but fewer than 20, stand for the first of them."""
+    rows, begin = np.arange(count), int(count * rng.uniform(0.3, 0.7))
+    rows[begin : begin + int(rng.integers(8, 20))] = begin
     return rows
 
 
-def swapped_rows(count: int, rng: np.random.Generator, first: int | None = None) -> np.ndarray:
-    """(F,) rows of which two, in the last two thirds or from a row on, are exchanged."""
+def _swapped_rows(count: int, rng: np.random.Generator) -> np.ndarray:
+    """(F,) rows of which two, in the last two thirds, are exchanged."""
     rows = np.arange(count)
-    one, other = rng.choice(np.arange(count // 3 if first is None else first, count), 2, replace=False)
+    one, other = rng.choice(np.arange(count // 3, count), 2, replace=False)
     rows[[one, other]] = other, one
     return rows
 
 
-def neighbour_rows(count: int, rng: np.random.Generator) -> np.ndarray:
+def _neighbour_rows(count: int, rng: np.random.Generator) -> np.ndarray:
     """(F,) each the row before, or each the row after."""
     return np.clip(np.arange(count) + rng.choice([-1, 1]), 0, count - 1)
 
@@ -480,9 +478,9 @@ RECORDING = (
     _row("joints frozen", REPORTED, "joints_frozen joints_untested", _joints(lambda q, rng: q[:, :1] + 0.0 * q)),
     _row("joints one row late", REPORTED, "joints_late joints_untested", _joints(lambda q, rng: _later(q))),
     _row("tilt off by 1°", REPORTED, "joint_offset joints_untested", _joints(_off)),
-    _row("pictures of the neighbour rows", NAMED, f"{LATE} moment_late", _pictures_of(neighbour_rows)),
-    _row("two pictures exchanged", DOUBTED, "pictures_exchanged", _pictures_of(swapped_rows)),
-    _row("camera frozen for 8 to 20 frames", NAMED, "camera_frozen", _pictures_of(frozen_rows)),
+    _row("pictures of the neighbour rows", NAMED, f"{LATE} moment_late", _pictures_of(_neighbour_rows)),
+    _row("two pictures exchanged", DOUBTED, "pictures_exchanged", _pictures_of(_swapped_rows)),
+    _row("camera frozen for 8 to 20 frames", NAMED, "camera_frozen", _pictures_of(_frozen_rows)),
     _row(
         "pictures mirrored",
         *(NAMED, "picture_mirrored"),
