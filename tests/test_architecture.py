@@ -33,11 +33,11 @@ CXX_CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b(?=[^=;(,]*=)")
 MOST = {
     "module constants": 893,
     "class names used twice": 0,
-    "classes": 465,
-    "public names": 1115,
+    "classes": 459,
+    "public names": 1113,
     "private words": 53,
     "type: ignore": 4,
-    "words on pages": 29970,
+    "words on pages": 29966,
 }
 """What there may be of each. A number only goes down: a change that needs fewer lowers it."""
 

@@ -181,9 +181,14 @@ def _at_rest(contact: Contact, shift: float) -> Contact:
     off_m = abs(shift) * contact.distance_std_m
     off = f"{1e3 * off_m:.1f} mm off, {abs(shift):.1f} std"
     off = off if off_m < contact.distance_m else "off by more than itself"
+    return in_motion(contact, f"the antenna swings: its inertia puts the distance {off}")
+
+
+def in_motion(contact: Contact, reason: str) -> Contact:
+    """The result of a frame in which the antenna moves too fast for its contact to be located."""
     return Contact(
         status="not_quasistatic",
-        reason=f"the antenna swings: its inertia puts the distance {off}",
+        reason=reason,
         model=contact.model,
         in_contact=True,
         moment_residual_Nm=contact.moment_residual_Nm,

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.table.contacts import LOCATED, Contact
+from estimator.table.contacts import LOCATED
 from vbaa_calib.convert.child import is_bag
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import sha256
@@ -39,6 +39,7 @@ from vbaa_calib.streams.pictures import stored, thinned
 from vbaa_calib.streams.recorded import is_recorded, open_recorded
 
 from .clock import recorded_clock_offset
+from .contacts import in_motion
 from .estimate import ContactEstimator
 from .recording import (
     FrameContact,
@@ -349,16 +350,7 @@ def _marked(item: FrameContact, moved: _Movement) -> FrameContact:
             f"the antenna moves by {moved.readout_px:.1f} px while the sensor is read out, which puts points "
             f"{moved.off_px:.2f} px off, {moved.off_std:.0f} std: move slower, or use a global shutter"
         )
-        moment = contact.moment_residual_Nm
-        contact = Contact(
-            status="not_quasistatic",
-            reason=reason,
-            model=contact.model,
-            in_contact=True,
-            moment_residual_Nm=moment,
-            outside_points=contact.outside_points,
-            end_used=contact.end_used,
-        )
+        contact = in_motion(contact, reason)
     elif moved.exposure_px > ContactSettings.blurred_px:
         blur = f"moves by {moved.exposure_px:.0f} px during the exposure: expose shorter, or move slower"
         contact = replace(

@@ -51,7 +51,7 @@ QUALITY: dict[str, Any] = {
 
 def answers(found: Assessment) -> dict[str, str]:
     """Levels of the answers from new pictures, by question."""
-    return {one.name: one.level for one in found.session.findings}
+    return {one.name: one.level for one in found.session_findings}
 
 
 def changed_answers(found: Assessment) -> set[str]:

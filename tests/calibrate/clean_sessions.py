@@ -183,5 +183,5 @@ def said(drawn: CleanSession) -> tuple[list[str], Rig]:
 
 def checked(rig: Rig, observations: Sequence[Observation], readings: LoadReadings = _RULER) -> list[str]:
     """What `vbaa check` answers to stills of an unchanged rig, where it is not "holds"."""
-    answers = check_antenna(rig, check_stills(rig, observations, readings), camera_known=True).findings
+    answers = check_antenna(rig, check_stills(rig, observations, readings), camera_known=True)[0]
     return [f"{one.name}: {one.level}, {one.words}" for one in answers if one.is_bad]

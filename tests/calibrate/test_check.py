@@ -16,7 +16,7 @@ import pytest
 import yaml
 
 from vbaa_calib.calibrate.check.assessment import Assessment, _plane_map, assess
-from vbaa_calib.calibrate.check.finding import Checked, Finding
+from vbaa_calib.calibrate.check.finding import Finding
 from vbaa_calib.core.files import sha256
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Rig
@@ -57,7 +57,7 @@ def test_a_rig_that_is_right_holds(made: SimpleNamespace) -> None:
     found = assess(made.rig, made.session)
     assert found.verdict == "holds", found.words
     assert set(answers(found).values()) <= {"holds", "not given"}
-    distances = [one.evidence.distance_std for one in found.session.findings if one.evidence and one.name != "lens_fit"]
+    distances = [one.evidence.distance_std for one in found.session_findings if one.evidence and one.name != "lens_fit"]
     assert len(distances) == 6
     # not only below the limit: of the size that chance gives
     assert np.mean(np.square(distances)) < 8
@@ -75,9 +75,9 @@ def test_pictures_of_the_calibration_are_named_as_such(made: SimpleNamespace, tm
         assert ("own" in found.words) is own
 
 
-def number_in(found: Checked, question: str) -> float:
+def number_in(found: Assessment, question: str) -> float:
     """The first number with a sign in an answer's words."""
-    words = next(one.words for one in found.findings if one.name == question)
+    words = next(one.words for one in found.session_findings if one.name == question)
     return float(re.findall(r"[+-][\d.]+", words)[0])
 
 
@@ -111,7 +111,7 @@ CAUSES = {
     "refocus, one board": ("camera_pose", "refocus"),
 }
 SIZES: dict[str, tuple[Callable[[Any], Any], Any, float]] = {
-    "camera": (lambda found: step_of(found.document["camera_pose"]), MOVED, 2e-3),
+    "camera": (lambda found: step_of(found.session["camera_pose"]), MOVED, 2e-3),
     "refocus": (lambda found: number_in(found, "lens_focus") / 100, 0.005, 1.5e-3),
     "offset": (lambda found: number_in(found, "sensor_offset") / 1e3, 2e-4, 6e-5),
     "gain": (lambda found: number_in(found, "sensor_gain") / scene().moment.gain, 0.05, 0.01),
@@ -133,13 +133,13 @@ def test_a_change_is_found_and_nothing_else_is_blamed(made: SimpleNamespace, tmp
         assert found.verdict == "does not hold"
     if name in CAUSES:
         question, cause = CAUSES[name]
-        answer = next(one for one in found.session.findings if one.name == question)
+        answer = next(one for one in found.session_findings if one.name == question)
         assert cause in f"{answer.words} {answer.remedy}"
     if name in SIZES:
         measured, size, near = SIZES[name]
-        np.testing.assert_allclose(measured(found.session), size, atol=near)
+        np.testing.assert_allclose(measured(found), size, atol=near)
     if name == "camera":
-        recorded = found.session.document["camera_pose"]["T_antenna_camera"]
+        recorded = found.session["camera_pose"]["T_antenna_camera"]
         moved = Pose.from_dict(recorded).tangent_from(scene().T_antenna_camera)
         np.testing.assert_allclose(moved, MOVED, atol=1e-3)
 
@@ -189,7 +189,7 @@ def made_pictures(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
 
 
 def answer(found: Assessment, name: str) -> Finding:
-    return next(one for one in found.session.findings if one.name == name)
+    return next(one for one in found.session_findings if one.name == name)
 
 
 def test_rig_json_alone_says_which_board_and_which_jig(made_pictures: SimpleNamespace) -> None:

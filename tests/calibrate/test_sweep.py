@@ -18,7 +18,7 @@ from vbaa_calib.calibrate.pose.sweep import SweepSolution, solve_sweep
 from vbaa_calib.camera import Camera
 from vbaa_calib.detect.board.corners import BoardView, detect_files
 from vbaa_calib.geometry import Kinematics, Pose
-from vbaa_calib.session import SweepPicture
+from vbaa_calib.session import Still
 from vbaa_calib.simulate.plan import stream
 from vbaa_calib.simulate.render.board import print_sheet
 from vbaa_calib.simulate.render.picture import studio
@@ -40,7 +40,7 @@ RIG = Kinematics(
 )
 FEW = [(0.0, 0.0), (0.25, 0.0), (0.0, 0.2), (-0.2, 0.0), (0.0, -0.2), (0.2, 0.2)]
 GRID = [(pan, tilt) for pan in (-0.25, 0.0, 0.25) for tilt in (-0.2, 0.0, 0.2)] + [(0.12, 0.1), (-0.12, -0.1)]
-Sweep = tuple[list[BoardView], list[SweepPicture]]
+Sweep = tuple[list[BoardView], list[Still]]
 
 
 def camera(lens: str = "opencv4", change: np.ndarray | float = 0.0) -> Camera:
@@ -69,7 +69,7 @@ def sweep(
         T_camera_board = (rig.T_world_antenna(*true) @ T_ANTENNA_CAMERA).inverse() @ T_world_board()
         pixels = project_board(LENS_MODELS[lens], LENSES[lens], T_camera_board)
         views.append(board_view(f"{index}.png", pixels, SIZE, rng, sigma_px))
-        pictures.append(SweepPicture(Path(f"{index}.png"), pan, tilt))
+        pictures.append(Still(Path(f"{index}.png"), pan, tilt, np.nan))
     return views, pictures
 
 
@@ -189,7 +189,7 @@ def test_a_drawn_sweep_gives_the_scenes_camera(small_scene: SceneSpec, tmp_path:
     with (tmp_path / "sweep" / "sweep.csv").open() as table:
         rows = list(csv.DictReader(table))
     pictures = [
-        SweepPicture(tmp_path / "sweep" / row["image"], float(row["pan_rad"]), float(row["tilt_rad"])) for row in rows
+        Still(tmp_path / "sweep" / row["image"], float(row["pan_rad"]), float(row["tilt_rad"]), np.nan) for row in rows
     ]
     views = detect_files([picture.image for picture in pictures], scene.board)
     lens = Camera(scene.lens.model, scene.lens.image_size, scene.lens.matrix, scene.lens.distortion)

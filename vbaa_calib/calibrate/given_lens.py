@@ -190,7 +190,7 @@ def focus_changed(
     folders) contradict a lens; empty where they agree."""
     if not placed:
         return []
-    focus = next(one for one in check_lens(camera, placed, shape, None).findings if one.name == "lens_focus")
+    focus = next(one for one in check_lens(camera, placed, shape, None)[0] if one.name == "lens_focus")
     if not focus.is_bad or focus.evidence is None:
         return []
     folders = " and ".join(f"{name}/" for name in dict.fromkeys(folder for folder, _ in placed))

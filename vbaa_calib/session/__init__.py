@@ -33,7 +33,6 @@ if TYPE_CHECKING:
         Frame,
         Load,
         Still,
-        SweepPicture,
         check_pictures,
         pictures_of,
         read_loads,

@@ -22,19 +22,10 @@ from .moment_sensor import READINGS, SILENT
 from .settings import Session
 
 
-@dataclass(frozen=True)
-class SweepPicture:
-    """One picture of a board fixed in the world, with the joints at rest."""
-
-    image: Path
-    pan_rad: float
-    tilt_rad: float
-
-
 @dataclass(frozen=True, slots=True)
 class Still:
-    """One picture of the antenna with the joints at rest. Sensor readings such as `moment_Nm` are NaN where nothing
-    was read.
+    """One picture with the joints at rest, of the antenna or of a board. Sensor readings such as `moment_Nm` are NaN
+    where nothing was read.
 
     `time_s` is when it was taken, from any start, for the sensor's drift; None if not recorded.
     """
@@ -172,16 +163,16 @@ def check_pictures(
             raise InputError(what, where=path, remedy=remedy)
 
 
-_Row = TypeVar("_Row", SweepPicture, Still, Load)
+_Row = TypeVar("_Row", Still, Load)
 ANGLES = ("pan_rad", "tilt_rad")
 IN_DEGREES = {"pan_rad": "pan_deg", "tilt_rad": "tilt_deg"}
 """Columns in degrees that may stand in their place."""
 
 
-def read_sweep(session: Session) -> list[SweepPicture]:
+def read_sweep(session: Session) -> list[Still]:
     """The pictures in sweep/sweep.csv: a board fixed in the world, seen while the joints move."""
     why = "it gives the joint angles of every picture of the sweep"
-    return [picture for _, picture in _pictures(session, "sweep", why, SweepPicture)]
+    return [picture for _, picture in _pictures(session, "sweep", why, Still)]
 
 
 def read_noload(session: Session) -> list[Still]:
@@ -210,13 +201,12 @@ def _pictures(
     """The rows of a table: picture (all different), joint angles, moment, and the columns `values`."""
     path, lines = session.root / name / f"{name}.csv", dict[Path, str]()
     _require(path, why)
-    of_antenna = issubclass(kind, Still)
+    of_antenna = name != "sweep"
     values = (*session.columns, *values) if of_antenna else values
     if of_antenna and not session.sensor_stated and "moment_Nm" in header_of(path):
         what = "column moment_Nm is there, but session.yaml says nothing of a moment sensor"
         remedy = "give moment_sensor: {std_Nm: …} in session.yaml, or moment_sensor: null to leave the readings aside"
         raise InputError(what, where=path, remedy=remedy)
-    unread = {"moment_Nm": np.nan} if of_antenna else {}
     image = session.image_column
     columns, optional = (image, *ANGLES, *values), ("time_s",) if of_antenna else ()
     for row in read_csv(path, columns, optional, IN_DEGREES):
@@ -227,7 +217,7 @@ def _pictures(
             what = f"the picture {row[image]} stands in line {lines[view['image']]}, too"
             raise wrong(row, path, what, "every row needs its own picture")
         lines[view["image"]] = row["line"]
-        entries = view | unread | {value: number(row, value, path) for value in values}
+        entries = view | {"moment_Nm": np.nan} | {value: number(row, value, path) for value in values}
         yield row, kind(**entries)
 
 

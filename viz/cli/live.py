@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from vbaa_calib.streams import MessageSource, Timing
     from viz.files.rerun_log import RerunLog
 
-    _Sink: TypeAlias = "ContactBag | Datagrams | GrowingTable | RerunLog | _Lines"
+    _Sink: TypeAlias = "ContactBag | Datagrams | GrowingTable | RerunLog"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -115,7 +115,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         gc.freeze()
         say(f"estimating from {source.name}; Ctrl-C ends it")
         monitor = _Monitor(source, live, rig.drift.of_rig, stops=args.watch == "stop")
-        _follow(source, live, sinks, monitor)
+        _follow(source, live, sinks, monitor, args.lines)
     return monitor.summary(args)
 
 
@@ -201,8 +201,6 @@ def _sinks(args: argparse.Namespace, stack: ExitStack) -> list[_Sink]:
         sinks.append(GrowingTable(args.output, args.force, final=not args.no_final))
     if args.bag is not None:
         sinks.append(ContactBag(args.bag))
-    if args.lines:
-        sinks.append(_Lines())
     if args.udp_out is not None:
         sinks.append(Datagrams(args.udp_out))
     if args.rerun is not None:
@@ -218,27 +216,17 @@ def _same(one: Path, other: Path) -> bool:
     return False
 
 
-class _Lines:
-    """An output of JSON lines on standard output."""
-
-    def write(self, contact: LiveContact) -> None:
-        from estimator.live.outputs import json_line
-
-        print(json_line(contact), flush=True)
-
-    def close(self) -> None:
-        """Does nothing: standard output stays open."""
-
-
-def _follow(source: MessageSource, live: LiveEstimator, sinks: list[_Sink], monitor: _Monitor) -> None:
-    """Send every contact to every output, until the source ends or Ctrl-C."""
-    from estimator.live.outputs import GrowingTable
+def _follow(source: MessageSource, live: LiveEstimator, sinks: list[_Sink], monitor: _Monitor, lines: bool) -> None:
+    """Send every contact to every output, as JSON lines to standard output, too, until the source ends or Ctrl-C."""
+    from estimator.live.outputs import GrowingTable, json_line
     from vbaa_calib.streams import now_s
 
     def spread(contacts: Iterator[LiveContact]) -> None:
         for contact in contacts:
             for sink in sinks:
                 sink.write(contact)
+            if lines:
+                print(json_line(contact), flush=True)
             monitor.write(contact)
 
     with _interruptible() as interrupted:

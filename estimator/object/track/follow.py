@@ -22,7 +22,6 @@ from estimator.contact.common_errors import CommonErrors, shared_errors
 from estimator.contact.motion import Beam
 from estimator.object.track.onset import (
     ContactChange,
-    ContactStates,
     Event,
     Track,
     TrackSettings,
@@ -227,10 +226,10 @@ def _by_force(growth: _Growth, at: np.ndarray) -> np.ndarray:
     return -0.5 * (cost + np.linalg.slogdet(covariance)[1] + flat)
 
 
-def _contact_events(table: ContactTable, contacting: ContactStates) -> tuple[Event, ...]:
+def _contact_events(table: ContactTable, state: np.ndarray, changes: Sequence[ContactChange]) -> tuple[Event, ...]:
     """First contacts and losses, with times from the growth of the deflection."""
-    decisive = np.flatnonzero((contacting.state >= 0) & np.isfinite(table.evidence))
-    return tuple(_change(table, contacting, change, decisive) for change in contacting.changes)
+    decisive = np.flatnonzero((state >= 0) & np.isfinite(table.evidence))
+    return tuple(_change(table, state, change, decisive) for change in changes)
 
 
 def _slip_events(table: ContactTable, phase: np.ndarray, strokes: Sequence[np.ndarray]) -> tuple[Event, ...]:
@@ -256,14 +255,14 @@ def _slip_events(table: ContactTable, phase: np.ndarray, strokes: Sequence[np.nd
     return tuple(found)
 
 
-def _change(table: ContactTable, contacting: ContactStates, change: ContactChange, decisive: np.ndarray) -> Event:
+def _change(table: ContactTable, state: np.ndarray, change: ContactChange, decisive: np.ndarray) -> Event:
     kind, what = ("first_contact", "first contact") if change.begins else ("loss", "contact is lost")
     frame, decided = int(table.frame[change.row]), float(table.time_s[change.row])
     time = std = np.nan
     words = f"in contact from frame {frame} on, the first informative frame: when it began is undetermined"
     if len(change.known_before):
         words = f"{what} with frame {frame}: without usable times"
-        growth = _growth(table, contacting, change, decisive)
+        growth = _growth(table, state, change, decisive)
         if growth is None:
             low = float(table.time_s[change.known_before[-1]])
             time, std = 0.5 * (low + decided), (decided - low) / np.sqrt(12.0)
@@ -280,11 +279,9 @@ def _change(table: ContactTable, contacting: ContactStates, change: ContactChang
     return Event(kind, frame, float(time), float(std), float(delay), words)
 
 
-def _growth(
-    table: ContactTable, contacting: ContactStates, change: ContactChange, decisive: np.ndarray
-) -> _Growth | None:
+def _growth(table: ContactTable, state: np.ndarray, change: ContactChange, decisive: np.ndarray) -> _Growth | None:
     """The growth of contact over the informative frames (T,) around a change; time-reversed for a loss."""
-    state, time = contacting.state, table.time_s
+    time = table.time_s
     place = int(np.searchsorted(decisive, change.row))
     if change.begins:
         free = np.array(baseline_candidates(change.known_before.tolist()), int)
@@ -344,22 +341,22 @@ def follow(
     if shared is None:
         shared = CommonErrors.none(table) if rig is None else shared_errors(rig, table)
     ringing = _ringing_frames(table)
-    contact = contact_states(table, ringing)
+    state, changes, pooled = contact_states(table, ringing)
     kinematics, radius = (
         (Kinematics(), TrackSettings.radius_m) if rig is None else (rig.kinematics, 0.5 * rig.antenna.diameter_m)
     )
-    phase = np.select([contact.state == 1, contact.state == 0], ["touching", "free"], "unknown").astype("<U8")
-    count, good = len(table), table.located & (contact.state == 1) & np.isfinite(table.time_s)
+    phase = np.select([state == 1, state == 0], ["touching", "free"], "unknown").astype("<U8")
+    count, good = len(table), table.located & (state == 1) & np.isfinite(table.time_s)
     good &= np.isfinite(table.point_world_m).all(axis=1) & np.isfinite(table.tangent_world).all(axis=1)
-    strokes = runs(table, np.flatnonzero(good), contact.state == 0, np.empty(0))
+    strokes = runs(table, np.flatnonzero(good), state == 0, np.empty(0))
     velocity, covariance, std, parts = (np.full((count, *shape), np.nan) for shape in ((3,), (3, 3), (), (2,)))
     for rows in strokes:
         moving = _slip(table, rows, shared, kinematics, None if normal_world is None else normal_world[rows])
         velocity[rows], covariance[rows], parts[rows] = moving.velocity_m_s, moving.covariance_m2_s2, moving.parts_m_s
         std[rows] = largest_std(moving.parts_m2_s2)
         phase[rows] = _phases(moving, radius)
-    happened = list(_contact_events(table, contact)) if events else []
-    for change, event in zip(contact.changes, happened, strict=events):
+    happened = list(_contact_events(table, state, changes)) if events else []
+    for change, event in zip(changes, happened, strict=events):
         if np.isfinite(event.time_s):  # frames between a change and its detection belong to what follows
             late = change.known_before[table.time_s[change.known_before] > event.time_s]
             late = late[np.isin(phase[late], ("free", "touching"))]
@@ -378,16 +375,17 @@ def follow(
         events=tuple(
             sorted(happened, key=lambda each: each.time_s if np.isfinite(each.time_s) else time_of[each.frame])
         ),
-        notes=tuple(_notes(table, contact, shared)),
+        notes=tuple(_notes(table, pooled, shared)),
     )
 
 
-def _notes(table: ContactTable, contact: ContactStates, shared: CommonErrors) -> list[str]:
+def _notes(table: ContactTable, pooled: bool, shared: CommonErrors) -> list[str]:
+    """What the recording leaves undetermined, in words. pooled : as from `contact_states`."""
     notes = []
     located = table.located
     if not np.isfinite(table.evidence).any():
         notes.append("no evidence column: contact is decided frame by frame, its instant known only between two frames")
-    elif not contact.pooled_test:
+    elif not pooled:
         notes.append(
             "fewer than twelve free frames near one pose: slow approaches are decided frame by frame"
             if np.isfinite(table.pan_rad + table.tilt_rad).any()

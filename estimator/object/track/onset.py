@@ -129,17 +129,12 @@ class ContactChange:
     pooled: bool  # several frames together show it, none alone
 
 
-@dataclass(frozen=True, eq=False)
-class ContactStates:
-    """States of frames, decided in order of time."""
+def contact_states(table: ContactTable, ringing: np.ndarray) -> tuple[np.ndarray, tuple[ContactChange, ...], bool]:
+    """States of a recording's frames, decided forwards in time as in a live run; vibrating frames are not used.
 
-    state: np.ndarray  # (B,) 1 in contact, 0 free, -1 not known
-    changes: tuple[ContactChange, ...]
-    pooled_test: bool  # a baseline could be learnt, so that slow approaches show early
-
-
-def contact_states(table: ContactTable, ringing: np.ndarray) -> ContactStates:
-    """The contact states of a recording, decided forwards in time as in a live run; vibrating frames are not used."""
+    Returns (B,) 1 in contact, 0 free, -1 not known; the changes; and whether a baseline could be learnt, so that slow
+    approaches show early.
+    """
     # in contact; `no_contact` is free, all others are neither
     contact_by_status = np.where(
         np.isin(table.status, ("ok", "tip_contact", "low_signal")), 1, np.where(table.status == "no_contact", 0, -1)
@@ -179,7 +174,7 @@ def contact_states(table: ContactTable, ringing: np.ndarray) -> ContactStates:
             now, run = found, []
         run.append(row)
         state[row] = now
-    return ContactStates(state, tuple(changes), tested)
+    return state, tuple(changes), tested
 
 
 def baseline_candidates(free: Sequence[int]) -> Sequence[int]:

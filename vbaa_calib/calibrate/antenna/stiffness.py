@@ -246,16 +246,6 @@ def _far(values: np.ndarray, least_std: float) -> np.ndarray:
 Forward = Callable[[float], np.ndarray]  # EI in N·m² → deflections (N,) in m at the readings
 
 
-@dataclass(frozen=True, eq=False)
-class _CompliancePoint:
-    """Least-squares minimum, with the design matrix there."""
-
-    stiffness_Nm2: float
-    offset_m: float
-    clamp_rotation_rad: float
-    design: np.ndarray  # (N, P) derivatives by ln(1/EI), offset and clamp rotation, the last two only if free
-
-
 def _beam(x_m: np.ndarray, force_N: float, distance_m: float) -> Forward:
     """Function of EI that gives the small-angle deflections (N,) m at places x (N,)."""
     return lambda stiffness: linear.deflection(x_m, distance_m, force_N, stiffness)
@@ -285,8 +275,9 @@ def _gauss_newton(
     *,
     offset: bool,
     turning: bool = False,
-) -> _CompliancePoint:
-    """Gauss–Newton in the compliance, exact in one step for the beam. All arrays (N,). Raises SolveError when it does
+) -> tuple[float, float, float, np.ndarray]:
+    """EI, offset, clamp rotation and design matrix (N, P) at the least-squares minimum, by Gauss–Newton in the
+    compliance, exact in one step for the beam. All arrays (N,). Raises SolveError when it does
     not converge, as where a clamp rotation explains all of the deflection."""
     stiffness, share = start_Nm2, 1e-4  # of the compliance, in central differences
     extra = [column for free, column in ((offset, np.ones_like(x_m)), (turning, x_m)) if free]
@@ -301,7 +292,7 @@ def _gauss_newton(
         stiffness /= 1.0 + step
         if abs(step) < 1e-10:
             shift = float(solution[1]) if offset else 0.0
-            return _CompliancePoint(stiffness, shift, float(solution[-1]) if turning else 0.0, design)
+            return stiffness, shift, float(solution[-1]) if turning else 0.0, design
     raise SolveError(
         "the fit of EI does not converge: the readings are not those of one rod in a clamp; check force, distance "
         "and the table's columns"
@@ -386,18 +377,18 @@ def solve_stiffness(
     reason += f"standard deviation of {100 * relative:.2g} %"
     if steep or biased:
         # the beam's outliers may be the elastica's shape, so they are looked for anew at its own EI
-        start = bench.fitted("elastica", chosen.kept, chosen.parameters.stiffness_Nm2, offset)
-        chosen = bench.screened("elastica", start.parameters.stiffness_Nm2, offset)
+        start = bench.fitted("elastica", chosen.kept, chosen.stiffness_Nm2, offset)
+        chosen = bench.screened("elastica", start.stiffness_Nm2, offset)
         slope, bias = chosen.linear_error()
         clamp = chosen.clamp_effect(clamp_share_std)
         fit, errors, half = chosen.judged(clamp)
     if half >= 1.0:
         raise _no_bending()
     residuals = table.deflection_m - bench.forward(chosen.model)(fit.stiffness_Nm2) - fit.offset_m
-    kept, inverse = residuals[chosen.kept], np.linalg.pinv(chosen.parameters.design)[0]
+    kept, inverse = residuals[chosen.kept], np.linalg.pinv(chosen.design)[0]
     plain = float(kept @ kept) / errors.freedom * float(inverse @ inverse)
     free_clamp = None
-    if chosen.kept.sum() > chosen.parameters.design.shape[1] + 1:
+    if chosen.kept.sum() > chosen.design.shape[1] + 1:
         with contextlib.suppress(SolveError):
             free_clamp = chosen.refitted(offset, turning=True).judged(0.0)[0]
     return StiffnessSolution(
@@ -447,7 +438,7 @@ class _Bench:
     def fitted(self, model: str, kept: np.ndarray, start_Nm2: float, offset: bool, turning: bool = False) -> _RodFit:
         x, y = self.table.x_m[kept], self.table.deflection_m[kept]
         found = _gauss_newton(self.forward(model, kept), x, y, start_Nm2, offset=offset, turning=turning)
-        return _RodFit(self, model, found, kept, offset)
+        return _RodFit(self, model, kept, offset, *found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -456,45 +447,48 @@ class _RodFit:
 
     bench: _Bench
     model: str
-    parameters: _CompliancePoint
     kept: np.ndarray
     offset: bool
+    stiffness_Nm2: float
+    offset_m: float
+    clamp_rotation_rad: float
+    design: np.ndarray  # (N, P) derivatives by ln(1/EI), offset and clamp rotation, the last two only if free
 
     def refitted(self, offset: bool, turning: bool = False) -> _RodFit:
         """Fits the same model to the same readings under other assumptions."""
-        return self.bench.fitted(self.model, self.kept, self.parameters.stiffness_Nm2, offset, turning)
+        return self.bench.fitted(self.model, self.kept, self.stiffness_Nm2, offset, turning)
 
     def judged(self, clamp: float) -> tuple[BeamFit, _ErrorModels, float]:
         """Standard deviations of the estimate, the error models that give them, and half the relative interval of
         1/EI."""
-        found, table = self.parameters, self.bench.table
+        table = self.bench.table
         x = table.x_m[self.kept]
-        model = self.bench.forward(self.model, self.kept)(found.stiffness_Nm2)
-        residuals = table.deflection_m[self.kept] - (model + found.offset_m + found.clamp_rotation_rad * x)
-        errors = _error_models(x, found.design, residuals, self.bench.least_std_m)
+        model = self.bench.forward(self.model, self.kept)(self.stiffness_Nm2)
+        residuals = table.deflection_m[self.kept] - (model + self.offset_m + self.clamp_rotation_rad * x)
+        errors = _error_models(x, self.design, residuals, self.bench.least_std_m)
         covariance = errors.covariance
         fit = BeamFit(
-            found.stiffness_Nm2,
-            found.stiffness_Nm2 * float(np.hypot(np.sqrt(covariance[0, 0]), clamp)),
-            found.offset_m,
+            self.stiffness_Nm2,
+            self.stiffness_Nm2 * float(np.hypot(np.sqrt(covariance[0, 0]), clamp)),
+            self.offset_m,
             float(np.sqrt(covariance[1, 1])) if self.offset else 0.0,
-            found.clamp_rotation_rad,
+            self.clamp_rotation_rad,
             float(np.sqrt(np.mean(residuals**2))),
         )
         return fit, errors, errors.half_width(np.eye(len(covariance))[0], clamp)
 
     def _slope_at_load(self) -> float:
-        return _slope_at(self.model, self.bench.force_N, self.bench.distance_m, self.parameters.stiffness_Nm2)
+        return _slope_at(self.model, self.bench.force_N, self.bench.distance_m, self.stiffness_Nm2)
 
     def clamp_effect(self, share_std: float) -> float:
         """Relative standard deviation of EI due to the prior of the clamp's rotation."""
-        leak = np.linalg.lstsq(self.parameters.design, self.bench.table.x_m[self.kept], rcond=None)[0][0]
+        leak = np.linalg.lstsq(self.design, self.bench.table.x_m[self.kept], rcond=None)[0][0]
         return abs(float(leak)) * share_std * self._slope_at_load()
 
     def linear_error(self) -> tuple[float, float]:
         """Slope at the load, and the relative error of EI by the small-angle formula if the rod is an elastica."""
         forwards = (self.bench.forward(model, self.kept) for model in ("linear", "elastica"))
-        straight, bent = (forward(self.parameters.stiffness_Nm2) for forward in forwards)
+        straight, bent = (forward(self.stiffness_Nm2) for forward in forwards)
         compliance = 0.0
         if np.isfinite(bent).all():
             design = np.stack([straight, np.ones_like(straight)], axis=1)[:, : 1 + self.offset]

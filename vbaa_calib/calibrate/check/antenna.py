@@ -20,7 +20,7 @@ from vbaa_calib.rig import RIG_STEPS, Rig
 from vbaa_calib.rig.reprojection import feet, image_curves
 from vbaa_calib.session import Drift, Load, LoadReadings, Still
 
-from .finding import HOLDS, Checked, Discrepancy, Finding, judged, plus_minus, unanswered
+from .finding import HOLDS, Discrepancy, Finding, judged, plus_minus, unanswered
 from .settings import CheckSettings
 
 _POINTS = slice(-1)  # rows of a `CheckedStill` by its points; the last is its moment's
@@ -123,7 +123,9 @@ def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadRe
     return checked
 
 
-def check_antenna(rig: Rig, frames: Sequence[CheckedStill], camera_known: bool) -> Checked:
+def check_antenna(
+    rig: Rig, frames: Sequence[CheckedStill], camera_known: bool
+) -> tuple[tuple[Finding, ...], dict[str, Any]]:
     """Checks free shape, stiffness, offset and gain, in this order; each estimate uses the changes found before it.
     camera_known : whether the camera's pose was checked with a board."""
     free = [one for one in frames if not isinstance(one.still, Load)]
@@ -159,7 +161,7 @@ def check_antenna(rig: Rig, frames: Sequence[CheckedStill], camera_known: bool) 
         ],
     }
     if not sensor.exists:
-        return Checked((shape, stiffness), document)
+        return (shape, stiffness), document
     unread = "no reading was given with the picture of the free antenna (--moment)" if free else _NO_FREE
     found = change(bent + zero, [OFFSET]) if read else unread
     offset = _number_finding("sensor_offset", found, _NO_FREE, _offset_remedy(rig, read), 1e3 * sensor.std_Nm)
@@ -168,7 +170,7 @@ def check_antenna(rig: Rig, frames: Sequence[CheckedStill], camera_known: bool) 
     hidden = "the given loads do not show the gain: add one that leaves plane C (force_z_N)"
     remedy = "check the loads' signs and the sensor's wiring, then calibrate again"
     gain = _number_finding("sensor_gain", found, hidden, remedy)
-    return Checked((shape, stiffness, offset, gain), document)
+    return (shape, stiffness, offset, gain), document
 
 
 def _information(frames: Sequence[CheckedStill], rows: slice, count: int) -> np.ndarray:

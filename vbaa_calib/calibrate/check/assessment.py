@@ -38,7 +38,7 @@ from vbaa_calib.session import (
 
 from .antenna import CheckedStill, check_antenna, check_stills
 from .boards import check_lens, check_pose
-from .finding import FAILS, HOLDS, LOOK, UNANSWERED, Checked, Finding, at, worst
+from .finding import FAILS, HOLDS, LOOK, UNANSWERED, Finding, at, worst
 from .settings import CheckSettings
 
 
@@ -281,16 +281,17 @@ class Assessment:
 
     rig: Rig
     path: Path
-    findings: tuple[Finding, ...]  # on the rig by itself; those on new pictures are in `session`
+    findings: tuple[Finding, ...]  # on the rig by itself
     quality: Mapping[str, Any]  # of rig.json, as it is there
-    session: Checked | None
+    session_findings: tuple[Finding, ...]  # on new pictures
+    session: Mapping[str, Any] | None  # the entry of check.json; None without new pictures
     nominal_Nm2: float | None = None  # E·πd⁴/64, from rig.json or the session
     own_pictures: bool = False  # the session's pictures are those of the calibration
 
     @property
     def answers(self) -> list[Finding]:
         """All findings, those on new pictures first."""
-        return [*(self.session.findings if self.session else ()), *self.findings]
+        return [*self.session_findings, *self.findings]
 
     @property
     def verdict(self) -> str:
@@ -326,7 +327,6 @@ class Assessment:
 
     def to_dict(self) -> dict[str, Any]:
         """The document check.json, from which the report is made."""
-        session = self.session or Checked((), {})
         return {
             "schema": "vbaa.check/1",
             "rig": str(self.path),
@@ -337,8 +337,8 @@ class Assessment:
             "numbers": _rig_numbers(self.rig, self.nominal_Nm2),
             "maps": _rig_maps(self.rig),
             "quality": dict(self.quality),
-            "session_findings": [finding.to_dict() for finding in session.findings],
-            "session": dict(session.document) if self.session else None,
+            "session_findings": [finding.to_dict() for finding in self.session_findings],
+            "session": None if self.session is None else dict(self.session),
             "own_pictures": self.own_pictures,
         }
 
@@ -384,10 +384,10 @@ def assess(
         _refuse_calibration_pictures(used, new, path)
         no_jig = _NO_JIG if session else "rig.json does not record the jig: name its session"
         inputs = _from_pictures(session or _recorded_session(data, rig, path), new, no_jig)
-    checked = None if inputs is None else _check_pictures(rig, quality, inputs)
+    found, document = ((), None) if inputs is None else _check_pictures(rig, quality, inputs)
     pictures = [] if inputs is None else inputs.pictures
     its_own = bool(pictures) and all(sha256(picture) in used for picture in pictures)
-    return Assessment(rig, path, tuple(own), quality, checked, nominal, its_own)
+    return Assessment(rig, path, tuple(own), quality, found, document, nominal, its_own)
 
 
 @dataclass(frozen=True, eq=False)
@@ -458,7 +458,9 @@ def _refuse_calibration_pictures(used: Collection[str], new: NewPictures, path: 
             raise InputError(what, where=picture, remedy="take a new one: an old one cannot show what has changed")
 
 
-def _check_pictures(rig: Rig, quality: Mapping[str, Any], inputs: _Inputs) -> Checked:
+def _check_pictures(
+    rig: Rig, quality: Mapping[str, Any], inputs: _Inputs
+) -> tuple[tuple[Finding, ...], dict[str, Any]]:
     """Checks the lens, then the camera's pose, then antenna and sensor, each with the changes found before it."""
     session, parts = inputs.session, inputs.parts
     check_pictures(progress(inputs.pictures, "reading the pictures"), rig.camera.image_size, "the rig's lens is")
@@ -467,19 +469,16 @@ def _check_pictures(rig: Rig, quality: Mapping[str, Any], inputs: _Inputs) -> Ch
     shape = replace(BoardShape.flat(corner_points(session.board)), parameters=np.array(recorded_shape))
     boards = [(part, view) for part, paths in inputs.boards.items() for view in detect_files(paths, session.board)]
     recorded = _number_at(quality, "lens", "rms_inliers_px") or _number_at(quality, "lens_rms_px")
-    lens = check_lens(rig.camera, boards, shape, recorded, _number_at(quality, "plane_rms_px"))
-    lens_holds = not any(finding.is_bad for finding in lens.findings)
+    lens, of_lens = check_lens(rig.camera, boards, shape, recorded, _number_at(quality, "plane_rms_px"))
+    lens_holds = not any(finding.is_bad for finding in lens)
     in_jig = [view for part, view in boards if part == "plane"]
-    pose, current = check_pose(rig, in_jig, session, inputs.no_jig, shape, lens_holds)
+    pose, of_pose, current = check_pose(rig, in_jig, session, inputs.no_jig, shape, lens_holds)
     stills: list[CheckedStill] = []
     if inputs.stills:
         where = rig.camera, current.T_antenna_camera, rig.antenna.parameters
         expected = ExpectedAntenna(session.antenna, *where, rig.image.paint)
         seen, _ = observe(session, rig.kinematics, inputs.stills, expected, "antenna")
         stills = check_stills(current, seen, session.load_readings)
-    antenna = check_antenna(current, stills, camera_known=pose.document["camera_pose"] is not None)
+    antenna, of_antenna = check_antenna(current, stills, camera_known=of_pose["camera_pose"] is not None)
     parts_asked = {"given": list(parts), "not_given": [part for part in _PARTS if part not in parts]}
-    return Checked(
-        (*lens.findings, *pose.findings, *antenna.findings),
-        {**parts_asked, **lens.document, **pose.document, **antenna.document},
-    )
+    return (*lens, *pose, *antenna), {**parts_asked, **of_lens, **of_pose, **of_antenna}

@@ -26,7 +26,7 @@ from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
 from vbaa_calib.session import Session
 
-from .finding import HOLDS, LOOK, Checked, Discrepancy, Finding, judged, plus_minus, unanswered
+from .finding import HOLDS, LOOK, Discrepancy, Finding, judged, plus_minus, unanswered
 from .settings import CheckSettings
 
 FOCUS = 4  # parameters that a refocus or a knock changes first: fx, fy, cx, cy
@@ -62,18 +62,17 @@ def check_lens(
     board: BoardShape,
     recorded_rms_px: float | None,
     in_jig_px: float | None = None,
-) -> Checked:
-    """Checks whether pictures of the board, by their folders' names, fit the lens, and whether its focus has changed.
+) -> tuple[tuple[Finding, ...], dict[str, Any]]:
+    """Checks whether pictures of the board, by their folders' names, fit the lens, and whether its focus has changed;
+    returns the findings, and entries of check.json's `session`.
     board : its solved shape. recorded_rms_px : the calibration's rms. in_jig_px : the rms of the board in its jig,
     where the corners scatter more if it is small in the picture."""
     points_m = board.points_m
     views, dropped = _posed(camera, boards, board) if boards else ([], [])
     if not views:
         why = "no usable picture of the board" if boards else "no picture of the board (intrinsics/, plane/)"
-        return Checked(
-            (unanswered("lens_fit", why), unanswered("lens_focus", why)),
-            {"boards": [], "boards_dropped": [], "boards_rms_px": None, "boards_expected_rms_px": None},
-        )
+        nothing = {"boards": [], "boards_dropped": [], "boards_rms_px": None, "boards_expected_rms_px": None}
+        return (unanswered("lens_fit", why), unanswered("lens_focus", why)), nothing
     # without what the views' own poses explain
     blocks = []
     for view in views:
@@ -111,15 +110,13 @@ def check_lens(
     if fit.is_bad and (misread := lens_reading_diagnoses((camera, None, [view for _, view in boards], points_m))):
         remedy = "take the pictures raw, as those of the calibration are"
         fit = replace(fit, words=f"{fit.words}; {misread[0].words}", remedy=remedy)
-    return Checked(
-        (fit, _focus_finding(camera, change, len(views))),
-        {
-            "boards": [view.to_dict() for view in views],
-            "boards_dropped": [{"name": one.name, "reason": one.reason} for one in dropped],
-            "boards_rms_px": rms_px,
-            "boards_expected_rms_px": expected_px,
-        },
-    )
+    document = {
+        "boards": [view.to_dict() for view in views],
+        "boards_dropped": [vars(one) for one in dropped],
+        "boards_rms_px": rms_px,
+        "boards_expected_rms_px": expected_px,
+    }
+    return (fit, _focus_finding(camera, change, len(views))), document
 
 
 def _fit_finding(rms_px: float, expected_px: float | None, freedom: int, views: int) -> Finding:
@@ -198,16 +195,16 @@ _LENS = slice(len(RIG_PARAMETERS), None)  # places of the lens after `RIG_PARAME
 
 def check_pose(
     rig: Rig, views: Sequence[BoardView], session: Session, no_jig: str, shape: BoardShape, lens_holds: bool
-) -> tuple[Checked, Rig]:
-    """Checks whether the camera has moved, by the board in the jig; returns the findings, and the rig with the
-    camera's present pose. no_jig : the reason why the jig's pose is unknown, if it is.
+) -> tuple[tuple[Finding, ...], dict[str, Any], Rig]:
+    """Checks whether the camera has moved, by the board in the jig; returns the findings, entries of check.json's
+    `session`, and the rig with the camera's present pose. no_jig : the reason why the jig's pose is unknown, if it is.
 
     Raises InputError for pictures of another size or without a usable board, SolveError where no pose explains it.
     """
     T_antenna_board = session.T_antenna_board
     if not views or T_antenna_board is None:
         why = no_jig if views else "no picture of the board in the jig (plane/)"
-        return Checked((unanswered("camera_pose", why),), {"camera_pose": None}), rig
+        return (unanswered("camera_pose", why),), {"camera_pose": None}, rig
     board = solve_board_pose(views, shape, rig.camera)
     jig = jig_estimate(board, T_antenna_board)
     joint, by_lens = rig.joint_covariance, jig.lens_sensitivity
@@ -244,7 +241,7 @@ def check_pose(
         "second_ratio": board.second_ratio,
         "T_antenna_camera": jig.T_antenna_camera.to_dict(),
     }
-    return Checked((finding,), {"camera_pose": document}), _with_jig_pose(rig, jig) if finding.is_bad else rig
+    return (finding,), {"camera_pose": document}, _with_jig_pose(rig, jig) if finding.is_bad else rig
 
 
 def _with_jig_pose(rig: Rig, jig: PoseEstimate) -> Rig:

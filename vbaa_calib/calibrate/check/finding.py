@@ -93,15 +93,6 @@ class Finding:
         return {**vars(self), "question": self.question, "evidence": evidence}
 
 
-@dataclass(frozen=True, eq=False)
-class Checked:
-    """Result of checking a part of the rig, or the rig, by new pictures: findings, and entries of check.json's
-    `session`."""
-
-    findings: tuple[Finding, ...]
-    document: Mapping[str, Any]
-
-
 def judged(name: str, words: str, remedy: str, evidence: Discrepancy) -> Finding:
     """A finding graded by its evidence; with the remedy unless it holds."""
     return Finding(name, evidence.level, words, None if evidence.level == HOLDS else remedy, evidence)

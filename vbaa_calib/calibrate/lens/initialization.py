@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 
@@ -66,17 +65,11 @@ _TRIAL = replace(CONVERGED, iterations=15, tolerance=1e-3)
 _FEW_STEPS = replace(_TRIAL, iterations=6)
 
 
-class Guess(NamedTuple):
-    """Initial focal length (px or NaN) and division-model distortion λ, from the views' homographies."""
-
-    focal_px: float
-    division: float
-
-    @staticmethod
-    def of(observations: Sequence[BoardCorners], image_size: tuple[int, int]) -> Guess:
-        """The initial values with the λ of least median error, where each view has its own homography."""
-        division, homographies = _undistorted_homographies(_thinned(observations), image_size)
-        return Guess(_focal_length(homographies), division)
+def homography_start(observations: Sequence[BoardCorners], image_size: tuple[int, int]) -> tuple[float, float]:
+    """Initial focal length (px or NaN), and division-model distortion λ of least median error, from the views' own
+    homographies."""
+    division, homographies = _undistorted_homographies(_thinned(observations), image_size)
+    return _focal_length(homographies), division
 
 
 def rough_lens(
@@ -84,10 +77,10 @@ def rough_lens(
     observations: Sequence[BoardCorners],
     image_size: tuple[int, int],
     known: Mapping[str, Bundle] | None = None,
-    guess: Guess | None = None,
+    start: tuple[float, float] | None = None,
 ) -> Bundle:
     """A robust solution with a flat board, a few steps from the minimum and insensitive to outliers. Starts from a
-    simpler or richer lens in `known`, else from the homographies (`guess`) and other focal lengths until two lead to
+    simpler or richer lens in `known`, else from the homographies (`start`) and other focal lengths until two lead to
     the same solution; the one of least median residual is returned."""
     known = known or {}
     near = known.get(model.simpler or "")
@@ -100,7 +93,7 @@ def rough_lens(
         return _posed(Bundle.start(model, intrinsics, richer.poses), observations, _TRIAL)
     ladder = _ladder(model)[::-1]
     first = next((rung for rung in ladder if rung.free), model)
-    bundle = _from_homographies(first, observations, image_size, guess or Guess.of(observations, image_size))
+    bundle = _from_homographies(first, observations, image_size, *(start or homography_start(observations, image_size)))
     # through the simpler lenses: a rich lens from a cold start ends far from the minimum
     for rung in ladder[ladder.index(first) + 1 :]:
         bundle = _posed(_begun(rung, bundle, image_size), observations, _FEW_STEPS)
@@ -112,15 +105,19 @@ def _begun(model: DistortionModel, simpler: Bundle, image_size: tuple[int, int])
 
 
 def _from_homographies(
-    model: DistortionModel, observations: Sequence[BoardCorners], image_size: tuple[int, int], guess: Guess
+    model: DistortionModel,
+    observations: Sequence[BoardCorners],
+    image_size: tuple[int, int],
+    focal_px: float,
+    division: float,
 ) -> Bundle:
     """Initial bundle from homographies, with the first lens model of the ladder that has distortion, or with one
     without."""
     some = _thinned(observations)
     others = [ratio * max(image_size) for ratio in LensSettings.focal_per_width]
     tried: list[Bundle] = []
-    for focal in [*([guess.focal_px] if np.isfinite(guess.focal_px) else []), *others]:
-        start = _start(model, Guess(focal, guess.division if focal == guess.focal_px else 0.0), some, image_size)
+    for focal in [*([focal_px] if np.isfinite(focal_px) else []), *others]:
+        start = _start(model, focal, division if focal == focal_px else 0.0, some, image_size)
         tried.append(_posed(start, some, _FEW_STEPS))
         scores = sorted(each.sigma_px for each in tried if _is_physical(each))
         if len(scores) > 1 and scores[1] < LensSettings.same_start * scores[0] + LensSettings.same_start_px:
@@ -142,10 +139,14 @@ def _thinned(observations: Sequence[BoardCorners]) -> list[BoardCorners]:
 
 
 def _start(
-    model: DistortionModel, guess: Guess, observations: Sequence[BoardCorners], image_size: tuple[int, int]
+    model: DistortionModel,
+    focal: float,
+    division: float,
+    observations: Sequence[BoardCorners],
+    image_size: tuple[int, int],
 ) -> Bundle:
     """Initial bundle from a focal length and division-model distortion about the picture's centre."""
-    (width, height), (focal, division) = image_size, guess
+    width, height = image_size
     reach = 0.5 * np.hypot(width, height) / focal
     division /= reach**2
     intrinsics = np.concatenate(
@@ -157,7 +158,8 @@ def _start(
 def _undistorted_homographies(
     observations: Sequence[BoardCorners], image_size: tuple[int, int]
 ) -> tuple[float, list[np.ndarray]]:
-    """`Guess.division`, and homographies (3, 3) from board points to undistorted pixels about the picture's centre."""
+    """Division-model distortion λ, and homographies (3, 3) from board points to undistorted pixels about the picture's
+    centre."""
     centre, radius = (np.array(image_size) - 1) / 2, 0.5 * float(np.hypot(*image_size))
     found: list[tuple[float, float, list[np.ndarray]]] = []
     for division in LensSettings.divisions:

@@ -17,7 +17,7 @@ from vbaa_calib.geometry import Pose
 from .board_shape import SHAPE, BoardShape, ShapePrior
 from .bundle import CONVERGED, BoardCorners, Bundle, polished, refine, residuals_px
 from .choice import Assessed, Candidate, Information, assess, choose, information, observations_of
-from .initialization import Guess, reposed, rough_lens, unfolded
+from .initialization import homography_start, reposed, rough_lens, unfolded
 from .models import LENS_MODELS, DistortionModel, camera_of, is_monotonic
 from .outliers import DroppedView, Inliers, fit_without_outliers, usable_views
 from .settings import LensSettings
@@ -192,9 +192,9 @@ def _screened(
     """The good corners, by the chosen lens model or, for "auto", by the one of `screening` with the least median
     residual; its solution from them, and solutions of other models as initial values."""
     known: dict[str, Bundle] = {}
-    robust, guess = {}, Guess.of(observations, options.image_size)
+    robust, start = {}, homography_start(observations, options.image_size)
     for name in ("opencv4", *LensSettings.screening) if options.model == "auto" else (options.model,):
-        known[name] = rough_lens(LENS_MODELS[name], observations, options.image_size, known, guess)
+        known[name] = rough_lens(LENS_MODELS[name], observations, options.image_size, known, start)
         if name in LensSettings.screening or name == options.model:
             free = known[name].freed(options.square_pixels, options.prior)
             robust[name] = reposed(refine(free, observations, _ROUGHLY, robust=True), observations)

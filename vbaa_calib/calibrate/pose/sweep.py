@@ -46,7 +46,7 @@ from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.geometry import Kinematics, Pose, rotation_world_antenna
 from vbaa_calib.geometry.independent_axes import largest_std
-from vbaa_calib.session import SweepPicture
+from vbaa_calib.session import Still
 
 _CAMERA = slice(0, 6)  # columns of a step: tangent of X,
 _BOARD = slice(6, 12)  # tangent of B,
@@ -66,7 +66,7 @@ class _SweepCorners:
 
     @staticmethod
     def of(
-        views: Sequence[BoardView], pictures: Sequence[SweepPicture], points_m: np.ndarray, kinematics: Kinematics
+        views: Sequence[BoardView], pictures: Sequence[Still], points_m: np.ndarray, kinematics: Kinematics
     ) -> _SweepCorners:
         """The corners of a board (C, 3) detected in every picture, with the joints' readings."""
         return _SweepCorners(
@@ -376,7 +376,7 @@ class SweepSolution:
 
 def solve_sweep(
     views: Sequence[BoardView],
-    pictures: Sequence[SweepPicture],
+    pictures: Sequence[Still],
     board: BoardShape,
     camera: Camera,
     kinematics: Kinematics,
@@ -428,8 +428,8 @@ def solve_sweep(
 
 
 def _usable_pictures(
-    views: Sequence[BoardView], pictures: Sequence[SweepPicture], nominal_m: np.ndarray, camera: Camera
-) -> tuple[list[BoardView], list[SweepPicture], list[DroppedView]]:
+    views: Sequence[BoardView], pictures: Sequence[Still], nominal_m: np.ndarray, camera: Camera
+) -> tuple[list[BoardView], list[Still], list[DroppedView]]:
     """Splits the views into those that determine the board's pose, with their readings, and the others with the
     reason."""
     for view in views:
@@ -441,7 +441,7 @@ def _usable_pictures(
     return usable, [readings[id(view)] for view in usable], dropped
 
 
-def _refuse_one_joint(readings: Sequence[SweepPicture]) -> None:
+def _refuse_one_joint(readings: Sequence[Still]) -> None:
     spans = np.ptp([[reading.pan_rad, reading.tilt_rad] for reading in readings], axis=0)
     if (spans < PoseSettings.least_turn_rad).all():
         raise InputError("neither joint moved in the pictures of the sweep", remedy=_CROSS)
