@@ -304,16 +304,15 @@ class _MeasuredRod:
         """Whether most of the line has the background's hue at a lower brightness, as a shadow has."""
         return self.parts["shadow"] > 0.5
 
-    @property
-    def covered_end_px(self) -> np.ndarray | None:
+    def covered_end_px(self, settings: RodSettings) -> np.ndarray | None:
         """An end (2,) inside the picture that may be covered, by a shadow or a holder: it has the background's hue at
-        a lower brightness, or does not end before plain background; None without one."""
+        a lower brightness, or no end is before plain background; None without one."""
         for name, end in (("first_shadow", 0), ("last_shadow", -1)):
             if self.inside[end] and self.parts[name] > 0.5 and not self.may_be_shadow:
                 return self.curve_px[end]
         ends = [(odds, end) for odds, end in zip(self.holder, (0, -1), strict=True) if self.inside[end]]
         odds, end = min(ends, default=(-1.0, 0))
-        return self.curve_px[end] if odds > 0.0 else None
+        return self.curve_px[end] if odds > settings.clear_end else None
 
     def contains(self, line: np.ndarray, share: float = 0.8) -> bool:
         """Whether at least a fraction `share` of a line's points (N, 2) lie in this rod."""
@@ -365,7 +364,9 @@ def _fitted(
     cell = max(width, settings.correlation_share * diagonal)
     there, parts = _along(planes, curve, width, cell, seen, settings)
     parts |= {"edges": edged, "wander": mad_std(misses) / width, "length_share": length / diagonal}
-    evidence = parts["ribbon"] if first is not None and last is not None else _rod_odds(parts, inside, settings)
+    holder = _holders(planes, noise, curve, width, settings)
+    known = first is not None and last is not None
+    evidence = parts["ribbon"] if known else _rod_odds(parts, inside, holder, settings)
     gap, goes_on = (
         _gap(curve, there, settings.longest_gap * max(cell / length, 0.02)),
         _goes_on(planes, noise, curve, width, inside, settings),
@@ -376,7 +377,7 @@ def _fitted(
         width / patch.scale,
         mad_std(misses) / patch.scale,
         inside,
-        _holders(planes, noise, curve, width, settings),
+        holder,
         None if goes_on is None else patch.back(goes_on),
         None if gap is None else patch.back(gap),
         evidence,
@@ -505,18 +506,19 @@ def _along(
         "shadow": float(np.mean(shadow)),
         "first_shadow": float(shadow[0]),
         "last_shadow": float(shadow[-1]),
-        "sides": _unlike_sides(middle, sides, shading),
+        **_against_sides(middle, sides, shading),
     }
 
 
-def _unlike_sides(middle: np.ndarray, sides: Sequence[np.ndarray], shading: np.ndarray) -> float:
-    """Difference of the two sides' colours (channels, S) relative to their contrast with the middle: the edge of a
-    thing has that thing on one side only."""
+def _against_sides(middle: np.ndarray, sides: Sequence[np.ndarray], shading: np.ndarray) -> dict[str, float]:
+    """Contrast of the middle's colours (channels, S) with the more like side, in typical differences of one surface's
+    places; and the difference of both sides relative to it: the edge of a thing has that thing on one side only."""
     left, right, across = (
         np.linalg.norm(each / shading[:, None], axis=0)
         for each in (middle - sides[0], middle - sides[1], sides[0] - sides[1])
     )
-    return float(np.median(across / np.maximum(np.minimum(left, right), 1.0)))
+    contrast = np.minimum(left, right)
+    return {"contrast": float(np.median(contrast)), "sides": float(np.median(across / np.maximum(contrast, 1.0)))}
 
 
 def _filled(colours: np.ndarray) -> np.ndarray:
@@ -574,19 +576,20 @@ def _goes_on(
     return None
 
 
-def _rod_odds(parts: dict[str, float], inside: tuple[bool, bool], settings: RodSettings) -> float:
+def _rod_odds(
+    parts: dict[str, float], inside: tuple[bool, bool], holder: tuple[float, float], settings: RodSettings
+) -> float:
     """Log odds that a line with unknown ends is a rod and not something else with two edges."""
     terms = (
         min(0.0, parts["mean"] - settings.least_mean_alone),
         parts["edges"],
         min(parts["net"], settings.bent),
         max(0.0, parts["turning"] - 1.5 * parts["net"] - 1.0),
-        min(parts["sharpest"], 1.5),
-        float(np.log(parts["length_share"])),
         min(parts["sides"], 3.0),
         parts["shadow"],
-        max(0.0, parts["net"] - settings.most_turn),
+        float(all(inside) and max(holder) < -settings.clear_end),
         float(not any(inside)),
+        float(np.log(max(parts["contrast"], 0.3))),
         1.0,
     )
     return sum(weight * term for weight, term in zip(settings.rod_odds, terms, strict=True))
@@ -607,30 +610,43 @@ def _gap(curve: np.ndarray, there: np.ndarray, longest_gap: float) -> np.ndarray
 def _holders(
     planes: np.ndarray, noise: np.ndarray, curve: np.ndarray, width: float, settings: RodSettings
 ) -> tuple[float, float]:
-    """Log odds, for either end of a line, that what lies beyond it is not the background of one side (the other may
-    be the rod's shadow)."""
+    """Log odds, for either end of a line, that what lies beyond it is not the background of one side, in whatever
+    light; 0 where nothing of the picture is beyond."""
     found = []
     size = np.array(planes.shape[:0:-1]) - 1.0
-    base = 2.0 * _shading_of(len(planes), settings) ** 2 + noise**2
+    step = float(arc_lengths(curve)[-1]) / (len(curve) - 1)
+    shading, other = _shading_of(len(planes), settings), 2.0 * settings.spread**2
     for order in (slice(None, None, -1), slice(None)):
         line = curve[order]
-        tangent = line[-1] - line[-max(2, min(len(line), int(2.0 * width)))]
+        tangent = line[-1] - line[-max(2, min(len(line), int(2.0 * width / step)))]
         tangent = tangent / max(np.hypot(*tangent), 1e-9)
         across_axis = np.array([-tangent[1], tangent[0]])
         along = np.linspace(0.8, 2.0, 7)[:, None] * width
         colours = []
         # sides as before the end, as a clamp is wider than the rod; near by there may be hairs or a shadow
-        for way, low, high in ((1.0, -0.35, 0.35), *((-1.0, low, low + 0.7) for low in (-3.0, -1.6, 0.9, 2.3))):
+        lows = (-3.0, -1.6, 0.9, 2.3)
+        for way, low, high in ((1.0, -0.35, 0.35), *((-1.0, low, low + 0.7) for low in lows)):
             places = line[-1] + way * along * tangent
             at = (places[:, None] + np.linspace(low, high, 5)[:, None] * width * across_axis).reshape(-1, 2)
             at = at[np.all((at >= 0) & (at <= size), axis=1)].round().astype(int)
             colours.append(np.median(planes[:, at[:, 1], at[:, 0]], axis=1) if len(at) > 5 else None)
         beyond, *sides = colours
-        spread = 2.0 * settings.spread**2
-        odds = [
-            float(np.sum(0.5 * d**2 * (1.0 / base - 1.0 / (base + spread)) - 0.5 * np.log((base + spread) / base)))
-            for d in (beyond - side for side in sides if beyond is not None and side is not None)
-        ]
+        # as unlike as places of the sides are along the line: a weave or a grain is no clamp
+        near = line[-max(4, int(8.0 * width / step)) :]
+        strip = _Strip.along(planes, near, 0.3 * width, 3.0 * width, max(0.25, width / 8.0))
+        along_sides = np.stack([strip.colours(low * width, (low + 0.7) * width) for low in lows])
+        with np.errstate(invalid="ignore"):
+            scatter = np.abs(along_sides - np.nanmedian(np.nan_to_num(along_sides), axis=2, keepdims=True))
+        grain = np.nan_to_num(np.nanmedian(np.nan_to_num(scatter), axis=(0, 2))) / NORMAL_QUARTILE
+        base = 2.0 * shading**2 + noise**2 + grain**2
+        odds = []
+        for side in (each for each in sides if beyond is not None and each is not None):
+            square, most = (beyond - side) ** 2, base + other
+            lit, light = base.copy(), beyond[0] / max(side[0], 1.0)
+            if len(base) > 1 and settings.darkest_shadow < min(light, 1.0 / max(light, 1e-9)):
+                lit[0] = most[0]  # in a shadow or in more light
+            ground = [-0.5 * float(np.sum(square / each + np.log(each))) for each in (base, lit)]
+            odds.append(-0.5 * float(np.sum(square / most + np.log(most))) - max(ground))
         found.append(max(min(min(odds, default=0.0), 20.0), -20.0))
     return found[0], found[1]
 
@@ -936,7 +952,8 @@ class RodSearch:
             u, v = best.gap_px
             what = f"the likeliest line is interrupted near {u:.0f},{v:.0f}"
             raise InputError(what, remedy="clear what hides, touches or crosses it, and check --clamp and --tip")
-        if known == 0 and (end := best.goes_on_px if best.goes_on_px is not None else best.covered_end_px) is not None:
+        end = best.goes_on_px if best.goes_on_px is not None else best.covered_end_px(settings)
+        if known == 0 and end is not None:
             u, v = end
             what = f"the likeliest line cannot be followed near {u:.0f},{v:.0f}: it goes on there, or into a shadow"
             raise InputError(what, remedy=f"{_END_REMEDY}, or choose with --candidate N")
