@@ -182,10 +182,6 @@ def _mistakes(
         found = jig_causes(session, camera, plane, free)
         if is_slip(found, session, camera, plane, free):
             return found
-        if found:
-            rest = still_diagnoses(session, plane.kinematics, joint, moved=True)
-            if not any(one.grave for one in rest):
-                return [*found, *rest]
     mistakes = still_diagnoses(session, plane.kinematics, joint)
     # the antenna's length is one of the table's hypotheses, and what nothing explained may be the camera's
     rest = [one for one in mistakes if one.name not in ("antenna_length", "stills_contradict", "load_row_unexplained")]

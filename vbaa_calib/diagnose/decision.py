@@ -105,6 +105,6 @@ def joined(alike: Sequence[Explanation[_Data]]) -> Diagnosis:
     first, *others = every = [one.diagnosis for one in alike]
     if not others:
         return first
-    words = "; or ".join([first.words, *(one.words for one in others)])
+    words = "; or ".join(dict.fromkeys(one.words for one in every))
     remedy = "; or ".join(dict.fromkeys(one.remedy for one in every))
     return Diagnosis(first.name, words, remedy, min((one.severity for one in every), key=get_args(Severity).index))

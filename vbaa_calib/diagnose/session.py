@@ -17,6 +17,7 @@ from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
 from vbaa_calib.calibrate.antenna.problem import Problem
 from vbaa_calib.core.errors import Diagnosis, InputError, SolveError
 from vbaa_calib.geometry import Kinematics, Pose
+from vbaa_calib.rig.reprojection import SeenPoints
 from vbaa_calib.session import STANDARD_GRAVITY_M_S2 as G
 from vbaa_calib.session import Load, Session, Still, gravity_antenna
 
@@ -552,6 +553,70 @@ def _since(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
             yield _Mistake(alter, says, prior_std, s.mistake - less + log_odds, slopes=by)
 
 
+def _camera(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
+    """Hypotheses of a camera that was moved or refocused between the pictures that plane C was found from and the
+    antenna's."""
+    again = "take both again, one after the other, with nothing touched in between"
+    if any(one.way == "over board" for one in witness.problem.prior.poses):
+        return
+
+    def moved(problem: Problem, v: np.ndarray) -> Problem:
+        poses = [replace(one, T_antenna_camera=one.T_antenna_camera.retract(v)) for one in problem.prior.poses]
+        return replace(problem, prior=replace(problem.prior, poses=poses))
+
+    def motion(fit: RigFit) -> Diagnosis:
+        turn, turn_std = np.degrees([np.linalg.norm(fit.values[:3]), np.linalg.norm(fit.std[:3])])
+        shift, shift_std = 1e3 * np.array([np.linalg.norm(fit.values[3:]), np.linalg.norm(fit.std[3:])])
+        words = (
+            f"the camera turned by {turn:.2g} ± {turn_std:.1g}° and moved by {shift:.2g} ± {shift_std:.1g} mm between "
+            "the pictures for plane C and the antenna's"
+        )
+        return Diagnosis("camera_moved", words, again, "wrong")
+
+    yield _Mistake(moved, motion, (s.camera_rad,) * 3 + (s.camera_m,) * 3, s.mistake)
+
+    camera = witness.problem.prior.camera
+    middle = (0.5 * (np.array(camera.image_size) - 1.0) - camera.matrix[:2, 2]) / np.diag(camera.matrix)[:2]
+
+    def enlarged(problem: Problem, v: np.ndarray, about: np.ndarray) -> Problem:
+        def scaled(seen: SeenPoints) -> SeenPoints:
+            return replace(seen, points=about + (seen.points - about) / (1.0 + v[0]))
+
+        tips = None if problem.tips_at_lens is None else scaled(problem.tips_at_lens)
+        return replace(problem, seen_at_lens=[scaled(one) for one in problem.seen_at_lens], tips_at_lens=tips)
+
+    def focus(fit: RigFit) -> Diagnosis:
+        words = (
+            f"the focal length changed by {100 * fit.values[0]:+.2g} ± {100 * fit.std[0]:.1g} % between the pictures "
+            "for plane C and the antenna's"
+        )
+        return Diagnosis("refocused", words, f"switch autofocus and zoom off; {again}", "wrong")
+
+    yield _Mistake(partial(enlarged, about=np.zeros(2)), focus, (s.focal,), s.mistake)
+
+    def cropped(problem: Problem, v: np.ndarray) -> Problem:
+        by_focal = np.zeros(len(camera.parameters))
+        by_focal[:2] = camera.parameters[:2] * v[0]
+        poses = [
+            replace(one, T_antenna_camera=one.T_antenna_camera.retract(one.lens_sensitivity @ by_focal))
+            for one in problem.prior.poses
+        ]
+        return enlarged(replace(problem, prior=replace(problem.prior, poses=poses)), v, middle)
+
+    # which pictures differ from the others, and what puts them right
+    parts = (("the antenna's pictures", partial(enlarged, about=middle)), ("the lens's pictures", cropped))
+    for index, (which, alter) in enumerate(parts):
+
+        def crop(fit: RigFit, which: str = which, sign: float = 1.0 - 2.0 * index) -> Diagnosis:
+            words = (
+                f"{which} are enlarged by {100 * sign * fit.values[0]:+.2g} ± {100 * fit.std[0]:.1g} % about their "
+                "middle against the others: cropped, or of another mode of the camera"
+            )
+            return Diagnosis("picture_cropped", words, "take all pictures in the same mode, uncropped", "wrong")
+
+        yield _Mistake(alter, crop, (s.crop,), s.mistake)
+
+
 def _antenna(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
     """Hypotheses of bow, a compliant clamp, and a whisker that is not uniform along or around itself."""
     length, loaded = witness.problem.length_m, bool(witness.loads)
@@ -651,8 +716,7 @@ def _touched(witness: Witness, s: SessionSettings, index: int, less: float) -> I
     """Hypothesis of a no-load frame in which something pushes the antenna."""
     length, observations = witness.problem.length_m, witness.problem.observations
     stiffness = float(np.exp(witness.problem.prior.mean[6]))
-    frame = observations[index].still
-
+    frame, pushes = observations[index].still, []
     for part in (0.35, 0.6, 0.95):
         std = 3.0 * stiffness * s.touch * length / (part * length) ** 3 * part**2
 
@@ -672,7 +736,9 @@ def _touched(witness: Witness, s: SessionSettings, index: int, less: float) -> I
                 "wrong",
             )
 
-        yield _Mistake(touched, says, (std, std), s.mistake - less - 1.1)
+        pushes.append(_Mistake(touched, says, (std, std), s.mistake - less - 1.1))
+    # where along the antenna hardly shows
+    yield max(pushes, key=lambda one: witness.forecast(one.alter, one.prior_std)[0])
 
 
 def _left_out(witness: Witness, s: SessionSettings, index: int) -> _Mistake:
@@ -699,6 +765,7 @@ _TABLE: tuple[Callable[[Witness, SessionSettings], Iterator[_Mistake]], ...] = (
     _materials,
     _gravity,
     _since,
+    _camera,
     _antenna,
 )
 """Mistakes that concern a session; those of single rows follow where rows contradict the others."""
@@ -777,18 +844,11 @@ def _sensor_diagnoses(readings: MomentReadings, s: SessionSettings = SETTINGS) -
     return diagnose(readings, SENSOR)
 
 
-def still_diagnoses(
-    session: Session, kinematics: Kinematics, joint: BundleAdjustment, moved: bool = False
-) -> list[Diagnosis]:
-    """Diagnoses of a session's numbers, rows, antenna, clamp and moment sensor, the likeliest first. joint : the
-    solution from all its pictures, from `solve_antenna`. moved : whether the camera has moved, or was refocused, since
-    plane C was found."""
-    before = joint.problem.prior
-    if moved:
-        spread = np.diag(np.repeat([SETTINGS.camera_rad, SETTINGS.camera_m], 3) ** 2)
-        before = replace(before, poses=[replace(one, covariance=one.covariance + spread) for one in before.poses])
+def still_diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjustment) -> list[Diagnosis]:
+    """Diagnoses of a session's numbers, rows, camera, antenna, clamp and moment sensor, the likeliest first. joint :
+    the solution from all its pictures, from `solve_antenna`."""
     try:
-        return _session_diagnoses(session, kinematics, joint.noted, before)
+        return _session_diagnoses(session, kinematics, joint.noted, joint.problem.prior)
     except SolveError:
         return []
 

@@ -33,6 +33,8 @@ class SessionSettings:
     slip_rad: float = 0.02  # of a clamp that turned
     camera_rad: float = 0.03  # of a camera that has moved since plane C was found, per axis
     camera_m: float = 5e-3  # the same of its place
+    focal: float = 0.02  # of a focal length that has changed since, relative
+    crop: float = 0.15  # of pictures that are cropped, in their enlargement
     bow: float = 0.05  # of a bend, in its change of slope over the whole length
     give_m: float = 5e-3  # of a soft clamp
     uneven: float = 0.2  # of the logarithm of EI's ratio between y and z
