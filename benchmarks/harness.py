@@ -38,14 +38,12 @@ class Options:
 
     draws : noise draws of each cell; what a draw is, the subject says.
     quick : less of everything, for a first look: the subject chooses where `draws` says nothing.
-    jobs : processes, where a subject can use more than one.
     against : an older commit of this repository, for comparison.
     """
 
     seed: int
     draws: int
     quick: bool
-    jobs: int = 1
     against: str = AGAINST
 
 

@@ -19,8 +19,8 @@ from vbaa_calib.core.files import read_yaml, refuse_overwrite, replacing, write_
 from .harness import AGAINST, Findings, Options, aligned, as_json, in_a_line, machine, write_csv
 
 ALL = "all"
-_MOST_DRAWS, _MOST_JOBS = 10_000_000, 256
-"""More do not fit into memory: a draw of `metric` takes some 100 bytes, a process some 300 MB."""
+_MOST_DRAWS = 10_000_000
+"""More do not fit into memory: a draw of `metric` takes some 100 bytes."""
 _DPI = 110
 
 
@@ -30,7 +30,7 @@ class Subject:
 
     about : one line of help. draw : what a draw is, in words. draws : how many, usually and with --quick.
     left : tables (.csv) and figures (.png) that it leaves (default: NAME.csv NAME.png). least : fewest draws that say
-    anything. suite : whether `vbaa bench` without a subject runs it. jobs : whether it can use more than one process.
+    anything. suite : whether `vbaa bench` without a subject runs it.
     packages : those whose versions are named beside ours. module : in `benchmarks`, if it is not called NAME.
     """
 
@@ -41,7 +41,6 @@ class Subject:
     left: str = ""
     least: int = 1
     suite: bool = False
-    jobs: bool = False
     packages: str = "numpy scipy opencv-contrib-python-headless torch"
     module: str = ""
 
@@ -68,7 +67,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         f"with --quick {subject.draws[1]}"
         for subject in SUBJECTS.values()
     )
-    suite, jobs = (", ".join(one.name for one in SUBJECTS.values() if getattr(one, name)) for name in ("suite", "jobs"))
+    suite = ", ".join(one.name for one in SUBJECTS.values() if one.suite)
     parser.add_argument(
         "subject",
         nargs="?",
@@ -84,7 +83,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--quick", action="store_true", help="a first look: less of everything, within three minutes")
     parser.add_argument("--draws", type=int, help="how much of one subject (default: see below)")
-    parser.add_argument("--jobs", type=int, default=1, help=f"processes, of {jobs}; the numbers stay (default: 1)")
     parser.add_argument("--seed", type=int, default=0, help="of everything that is random (default: 0)")
     parser.add_argument("--against", default=AGAINST, metavar="COMMIT", help=f"of waiting (default: {AGAINST})")
 
@@ -102,14 +100,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 def _refuse(args: argparse.Namespace, chosen: Sequence[Subject]) -> None:
     """What makes no sense, or would overwrite something, before any work."""
     what, draws = args.subject or "the suite", args.draws
-    able = [subject.name for subject in SUBJECTS.values() if subject.jobs]
-    no_jobs = args.jobs > 1 and not any(subject.jobs for subject in chosen)
     for wrong, said, remedy in (
         (draws is not None and len(chosen) > 1, "draws", "name one subject: a draw means another thing in each"),
         (draws is not None and draws < chosen[0].least, "draws", f"at least {chosen[0].least}"),
         (draws is not None and draws > _MOST_DRAWS, "draws", f"at most {_MOST_DRAWS}"),
-        (args.jobs > _MOST_JOBS, "jobs", f"at most {_MOST_JOBS}, one for each core"),
-        (args.jobs < 1 or no_jobs, "jobs", f"1, or more for {' or '.join(able)}"),
         (args.seed < 0, "seed", "a number from 0 on"),
     ):
         if wrong:
@@ -125,7 +119,7 @@ def _refuse(args: argparse.Namespace, chosen: Sequence[Subject]) -> None:
 def _measured(args: argparse.Namespace, subject: Subject) -> tuple[dict[str, Any], str]:
     """One subject measured, its table shown, its files written: its numbers with what they were made with; headline."""
     draws = args.draws or subject.draws[args.quick]
-    options = Options(args.seed, draws, args.quick, args.jobs if subject.jobs else 1, args.against)
+    options = Options(args.seed, draws, args.quick, args.against)
     begun = time.perf_counter()
     measure: Callable[[Options], Findings] = import_module(f"benchmarks.{subject.module or subject.name}").measure
     found = measure(options)
@@ -133,7 +127,6 @@ def _measured(args: argparse.Namespace, subject: Subject) -> tuple[dict[str, Any
     quick = ", quick" if args.quick else ""
     _show(args, f"{in_a_line(ran_on)}, {draws} {subject.draw}, seed {args.seed}{quick}\n{found.text}")
     flags = [f"--draws {draws}", f"--seed {args.seed}", *(["--quick"] if args.quick else [])]
-    flags += [f"--jobs {options.jobs}"] if options.jobs > 1 else []
     record = {
         "subject": subject.name,
         "headline": found.headline,
@@ -142,7 +135,6 @@ def _measured(args: argparse.Namespace, subject: Subject) -> tuple[dict[str, Any
         "draws": draws,
         "seed": args.seed,
         "quick": args.quick,
-        "jobs": options.jobs,
         "machine": ran_on,
         "files": list(subject.files),
         "seconds": round(time.perf_counter() - begun, 1),

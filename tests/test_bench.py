@@ -7,18 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
 
 from benchmarks.chain.chain import run as run_chain
 from benchmarks.chain.methods import OURS
-from benchmarks.coverage.coverage import JUDGED, coverage_rigs, outcome
-from benchmarks.coverage.coverage import run as run_coverage
 from benchmarks.estimator import grid as estimator_grid
 from benchmarks.estimator.bound import QUANTITIES
 from benchmarks.estimator.grid import summary
 from benchmarks.estimator.hard import CASES, Hard, estimated, judged_at_random, resized
 from benchmarks.estimator.hard import run as run_hard
 from benchmarks.estimator.setup import Setup
+from benchmarks.mistakes.rigs import KINDS, Kind, calibrated_rig
 from benchmarks.suite import SUBJECTS
 from benchmarks.vision.vision import hardships
 from benchmarks.waiting.frames import population
@@ -36,30 +34,23 @@ def test_every_subject_leaves_its_files_in_the_smallest_run(name: str, tmp_path:
     assert {path.name for path in tmp_path.iterdir()} == {*SUBJECTS[name].files, SUBJECTS[name].record}
 
 
-RIGS = coverage_rigs()
-
-
 @pytest.mark.slow
-def test_calibrations_err_as_much_as_they_say() -> None:
-    """Pose, antenna and sensor, 17 numbers of one draw of each rig: χ² within what one run in 5,000 exceeds, each rig
-    by itself (deviations too small by 1.67 are found out) and all six together (by 1.27).
-    """
-    found = [outcome((20, number, 0)) for number in range(len(RIGS))]
-    squares = np.array([one.errors["pose, antenna, sensor"].squares[0] for one in found])
-    for told, numbers in ((squares, 17), (squares.sum(), 17 * len(RIGS))):
-        assert np.all((chi2.ppf(1e-4, numbers) < told) & (told < chi2.isf(1e-4, numbers))), squares
-    points = np.array([one.errors["points on C"].squares.mean() for one in found]) / 2
-    assert 0.1 < points.mean() < 3.0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", range(len(RIGS)), ids=lambda number: RIGS[number].name)
-def test_deviations_and_regions_hold_over_many_draws(number: int) -> None:
-    rows, _ = run_coverage(draws=60, seed=30, chosen=[number])
-    for row in rows:
-        if row.quantity in JUDGED:
-            assert abs(row.ratio - 1.0) < 0.15 + 2 * row.ratio_error, row
-            assert abs(row.covered - 0.95) < 0.02 + 2.5 * row.covered_error, row
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+def test_calibrations_err_as_much_as_they_state(kind: Kind) -> None:
+    """Pose, antenna and sensor of 40 calibrations: χ² over its 17 degrees of freedom, each number's scatter over what is
+    stated, and the share of 95 % intervals that contain the truth."""
+    squares, pulls = [], []
+    for seed in range(40):
+        known = calibrated_rig(kind, seed)
+        world, joint = known.world, known.joint
+        truth = np.append(world.parameters, [world.gain, world.offset_Nm])
+        step = np.append(joint.T_antenna_camera.tangent_from(world.T_antenna_camera), joint.parameters[6:] - truth)
+        covariance = joint.covariance[:17, :17]
+        squares.append(step @ np.linalg.solve(covariance, step))
+        pulls.append(step / np.sqrt(np.diag(covariance)))
+    assert abs(np.mean(squares) / 17 - 1.0) < 0.25
+    assert np.all(np.abs(np.sqrt(np.mean(np.square(pulls), axis=0)) - 1.0) < 0.45)
+    assert np.mean(np.abs(pulls) < 1.96) > 0.9
 
 
 def test_good_pictures_reach_the_goals() -> None:

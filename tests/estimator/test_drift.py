@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.coverage.coverage import Draw, coverage_rigs, draw
-from benchmarks.drift.drift import ALL, FREE, NONE, SEEN, UNSEEN, Change, calibrated, estimated, recorded
+from benchmarks.drift import ALL, FREE, NONE, NOTHING, SEEN, UNSEEN, Change, changed, estimated
 from benchmarks.mistakes.recordings import clean_recording
-from benchmarks.mistakes.rigs import KINDS
+from benchmarks.mistakes.rigs import KINDS, Calibrated, known_rig
 from estimator import Contact, ContactEstimator
 from estimator.contact.drift import summary
 from estimator.solver.rig_arrays import RigArrays
@@ -29,14 +28,8 @@ LAB = DRIFTS["lab"]
 
 
 @pytest.fixture(scope="module")
-def given() -> Draw:
-    """A camera with a long lens, and everything that is measured of its rig."""
-    return draw(coverage_rigs()[1], (3,))
-
-
-@pytest.fixture(scope="module")
-def rig(given: Draw) -> Rig:
-    return calibrated(given)
+def known() -> Calibrated:
+    return known_rig(KINDS[0], 0)
 
 
 def off(found: list[Contact], distance_m: np.ndarray) -> np.ndarray:
@@ -46,22 +39,21 @@ def off(found: list[Contact], distance_m: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
-def test_a_rig_that_changed_keeps_its_contacts(given: Draw, rig: Rig, seed: int) -> None:
+def test_a_rig_that_changed_keeps_its_contacts(known: Calibrated, seed: int) -> None:
     """With free frames and without: what is located without the change is located with it, within its deviations."""
-    unchanged = recorded(given, Change("nothing"), (seed,))
-    changed = recorded(given, ALL, (seed,))
+    before, after = (changed(known, change, seed) for change in (NOTHING, ALL))
     for way in (UNSEEN, SEEN):
-        before, found = (estimated(rig, way, recording) for recording in (unchanged, changed))
-        was, error = (off(each, changed.distance_m) for each in (before, found))
+        unchanged, found = (estimated(known.rig, way, each.frames) for each in (before, after))
+        was, error = (off(each, after.truth.distance_m) for each in (unchanged, found))
         assert (np.isnan(error) & ~np.isnan(was)).sum() <= 1
         assert np.nanmax(np.abs(error)) < 5
         assert {one.status for one in found[:FREE]} == {"no_contact"}
 
 
-def test_free_frames_tell_what_has_changed(given: Draw, rig: Rig) -> None:
+def test_free_frames_tell_what_has_changed(known: Calibrated) -> None:
     change = Change("zero and picture", picture_px=0.4, zero=10.0)
-    estimator = ContactEstimator(replace(rig, drift=LAB))
-    moved, still = (recorded(given, each, (1,)).frames for each in (change, Change("nothing")))
+    estimator = ContactEstimator(replace(known.rig, drift=LAB))
+    moved, still = (changed(known, each, 1).frames for each in (change, NOTHING))
     true_px = (moved[0].points_px - still[0].points_px).mean(axis=0)
     true_zero = moved[0].moment_Nm - still[0].moment_Nm
     list(estimator.run(moved))
@@ -107,10 +99,10 @@ def test_what_has_changed_is_said_where_the_lens_shows_a_part() -> None:
     assert summary(replace(estimator.drift, calibrated=away))["picture_px"] is None
 
 
-def test_free_frames_give_back_what_drift_costs(given: Draw, rig: Rig) -> None:
-    recording = recorded(given, Change("nothing"), (2,))
+def test_free_frames_give_back_what_drift_costs(known: Calibrated) -> None:
+    frames = changed(known, NOTHING, 2).frames
     ignored, unseen, seen = (
-        np.nanmedian([one.distance_std_m for one in estimated(rig, way, recording)[FREE:]])
+        np.nanmedian([one.distance_std_m for one in estimated(known.rig, way, frames)[FREE:]])
         for way in (NONE, UNSEEN, SEEN)
     )
     # they may give more: they tell, too, what the calibration's own lines had in common
@@ -143,9 +135,10 @@ def written(folder: Path, drift: str) -> None:
     )
 
 
-def test_rig_json_keeps_it(rig: Rig) -> None:
-    changed = replace(rig, drift=DRIFTS["rough"])
-    assert Rig.from_dict(changed.to_dict()).drift == DRIFTS["rough"]
+def test_rig_json_keeps_it(known: Calibrated) -> None:
+    rig = known.rig
+    rough = replace(rig, drift=DRIFTS["rough"])
+    assert Rig.from_dict(rough.to_dict()).drift == DRIFTS["rough"]
     before = {key: value for key, value in rig.to_dict().items() if key != "drift"}
     assert Rig.from_dict(before).drift == LAB
 

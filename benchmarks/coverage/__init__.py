@@ -1,1 +1,0 @@
-"""Predicted against sampled errors of calibrations."""

@@ -1,1 +1,0 @@
-"""Rigs that change between calibration and recording."""
