@@ -37,8 +37,8 @@ def test_every_subject_leaves_its_files_in_the_smallest_run(name: str, tmp_path:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
 def test_calibrations_err_as_much_as_they_state(kind: Kind) -> None:
-    """Pose, antenna and sensor of 40 calibrations: χ² over its 17 degrees of freedom, each number's scatter over what is
-    stated, and the share of 95 % intervals that contain the truth."""
+    """Pose, antenna and sensor of 40 calibrations: χ² over its 17 degrees of freedom, each number's scatter over its
+    stated one, and the share of 95 % intervals that contain the truth."""
     squares, pulls = [], []
     for seed in range(40):
         known = calibrated_rig(kind, seed)
