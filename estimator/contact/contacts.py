@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Generator, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from types import SimpleNamespace
 from typing import Any, TypeVar, overload
@@ -85,10 +85,9 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
 
 
 @lru_cache
-def _reported() -> dict[str, tuple[int, ...]]:
-    """The columns that the core fills in, and a frame's shape of each."""
-    others = "status", "in_contact", "model", "friction_prior_rad", "condition"
-    return {f.name: f.metadata["column"].shape for f in fields(ContactEstimate) if f.name not in others}
+def _reported() -> np.dtype[np.void]:
+    """Of the columns that the core fills in."""
+    return np.dtype(core.solver.REPORTED)
 
 
 def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch, model: str) -> Contacts:
@@ -103,9 +102,9 @@ def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch
         friction_rad=friction_rad,
         moment_Nm=moment_Nm,
     )
-    columns: dict[str, Any] = {name: np.empty((count, *shape)) for name, shape in _reported().items()}
-    columns["in_contact"] = np.empty(count, bool)
-    places, noticed = core.solver.report(ContactSettings, numbers, placed, SimpleNamespace(**columns), count)
+    rows = np.empty(count, _reported())
+    places, noticed = core.solver.report(ContactSettings, numbers.rows, placed, rows)
+    columns: dict[str, Any] = {name: rows[name] for name in core.solver.REPORTED["names"]}
     if not rig.kinematics.axes_known:
         by_axes = rig.kinematics.by_axes(batch.pan_rad, batch.tilt_rad)
         with np.errstate(invalid="ignore", over="ignore"):

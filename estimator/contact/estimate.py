@@ -21,6 +21,7 @@ from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.core.arrays import as_float, as_floats, gate
 from vbaa_calib.core.errors import InputError, quoted
 from vbaa_calib.core.threads import cores
+from vbaa_calib.native import core
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import DRIFTS
 
@@ -288,23 +289,16 @@ class ContactEstimator:
         if known and found is not None:
             for begin in range(0, len(known), ContactSettings.frames_per_step):
                 some = dict(islice(known.items(), begin, begin + ContactSettings.frames_per_step))
-                columns = zip(*(numbers.tables for numbers in some.values()), strict=True)
-                found.put(np.array(list(some)), FitNumbers(*map(np.concatenate, columns)))
+                found.put(np.array(list(some)), FitNumbers.joined(list(some.values())))
                 yield
         for begin in range(0, len(left), most):
             if begin:
                 yield
             rows = left[begin : begin + most]
-            part = batch if len(rows) == count else batch.picked(rows)
-            usable = (frames := part.frames(self._rig_arrays)).usable.sum(-1)
-            enough = np.flatnonzero(usable >= ContactSettings.fewest_points)
-            if found is None and len(enough) == count:
-                found = self._fitted(part, frames, beam)
-                continue
-            found = FitNumbers.empty(count) if found is None else found
-            found.points[rows] = usable
-            if len(enough):
-                found.put(rows[enough], self._fitted(part.picked(enough), frames.picked(enough), beam))
+            if found is None:
+                found = self._fitted(batch, beam)
+            else:
+                found.put(rows, self._fitted(batch if len(rows) == count else batch.picked(rows), beam))
         assert found is not None
         contacts = contacts_of(found, self._rig_arrays.rig, self.friction_rad, batch, self.model)
         contacts = with_joint_errors(contacts, batch)
@@ -312,18 +306,28 @@ class ContactEstimator:
             return contacts
         return replace(contacts, moment_residual_Nm=contacts.moment_residual_Nm / weights[:, 0])
 
-    def _fitted(self, batch: Batch, frames: Frames, beam: Beam | None) -> FitNumbers:
+    def _fitted(self, batch: Batch, beam: Beam | None) -> FitNumbers:
         """The fits of frames with enough points; frames that do not fit are fitted again with other explanations."""
-        fitted = self._solved(frames, batch.start, beam)
+        plain = batch.covariance_shape is None and batch.errors_Nm is None
+        measured = batch.pixels(self._rig_arrays) if plain else batch.frames(self._rig_arrays)
+        fitted = self._solved(measured, batch.start, beam)
+        if not len(doubted := np.flatnonzero(unexplained(fitted, core.solver.DOUBTED))):
+            return fitted
+        whole, fitted, batch = fitted, fitted.picked(doubted), batch.picked(doubted)
+        frames = batch.frames(self._rig_arrays)
         frames = without_outliers(batch, frames, fitted, self._rung, lambda some: self._solved(some, None, beam))
         frames = self._without_impossible_tips(frames, fitted, beam)
         if len(rows := np.flatnonzero((fitted.evidence >= ContactSettings.contact_evidence) & unexplained(fitted))):
             self._without_reading(frames, fitted, rows[fitted.sensor_available[rows].any(axis=1)])
             self._with_drift(batch, fitted, rows)
-        return fitted
+        whole.put(doubted, fitted)
+        return whole
 
-    def _solved(self, frames: Frames, start: np.ndarray | None = None, beam: Beam | None = None) -> FitNumbers:
-        return solve(frames, self.model, start, None if beam is None else beam.pieces_m, self.jobs)
+    def _solved(
+        self, frames: Frames | tuple[Any, ...], start: np.ndarray | None = None, beam: Beam | None = None
+    ) -> FitNumbers:
+        pieces_m = None if beam is None else beam.pieces_m
+        return solve(frames, self.model, start, pieces_m, self.jobs)
 
     def _without_impossible_tips(self, frames: Frames, fitted: FitNumbers, beam: Beam | None) -> Frames:
         """Refit, without it, frames with an impossible end of the antenna (something else ended there). Returns the

@@ -90,13 +90,17 @@ class Batch(Rows):
         std = rig_arrays.std[rig_arrays.sensors]
         return None if self.errors_Nm is None else std / np.hypot(std, self.errors_Nm[:, : len(std)])
 
+    def pixels(self, rig_arrays: RigArrays) -> tuple[Any, ...]:
+        """What `frames_from_pixels` takes, for one rig."""
+        rotation, _ = (rig := rig_arrays.rig).kinematics.world_antenna(self.pan_rad, self.tilt_rad)
+        cameras = () if self.camera is None or self.tip_camera is None else (self.camera, self.tip_camera)
+        points_px, tip_px = np.ascontiguousarray(self.points_px), np.ascontiguousarray(self.tip_px)
+        gravity = rig.gravity_world_m_s2 @ rotation
+        return rig_arrays, points_px, self.sigma_px, np.ascontiguousarray(self.readings_Nm), tip_px, gravity, *cameras
+
     def frames(self, rig_arrays: RigArrays) -> Frames:
         """The frames in the solver's form, for one rig."""
-        rotation, _ = rig_arrays.rig.kinematics.world_antenna(self.pan_rad, self.tilt_rad)
-        gravity = np.einsum("bji,j->bi", rotation, rig_arrays.rig.gravity_world_m_s2)
-        cameras = () if self.camera is None or self.tip_camera is None else (self.camera, self.tip_camera)
-        lines = self.points_px, self.sigma_px, self.readings_Nm, self.tip_px
-        frames = frames_from_pixels(rig_arrays, *lines, gravity, *cameras)
+        frames = frames_from_pixels(*self.pixels(rig_arrays))
         if self.covariance_shape is not None:
             slopes = self.sigma_px[..., None, None] * self.slopes(rig_arrays.rig)
             spread = slopes @ self.covariance_shape @ np.swapaxes(slopes, -1, -2)
@@ -275,13 +279,10 @@ def outside(points_px: np.ndarray, image_size: tuple[int, int]) -> np.ndarray:
 class OutlierSettings:
     """Thresholds of gross errors among a frame's points, and settings of the measured scatter of the others."""
 
-    std: float = 30.0  # distance from where a point's neighbours lie, in its standard deviations: no noise gets there
-    px: float = 3.0  # the same in pixels, at least: where points are precise, a wrong shape is no gross error
+    px: float = 3.0  # of a point that lies off: where points are precise, a wrong shape is no gross error
     most: float = 0.2  # with this part of the points, or more, the frame shows something else
     neighbours: int = 11  # points along the antenna, itself in the middle, whose median tells where they lie
     precise: float = 0.1  # a point's standard deviation counts as this part of the frame's median, at least
-    stretch_std: float = 4.0  # a residual from which on a frame's points are searched for a stretch that lies off
-    side: int = 8  # points on each side of a jump, at most, whose medians determine it
     jump_std: float = 3.0  # of the points' standard deviations, at least: the medians are twice as exact as a point
     jump_ratio: float = 5.0  # to the frame's usual difference of such medians: a wrong shape differs everywhere
     returns: float = 0.5  # part of a stretch's distance by which the line may lie elsewhere behind it than before
@@ -428,13 +429,15 @@ def without_outliers(
     many that lie off to the same side.
     """
     usable, settings, rig = frames.usable, OutlierSettings(), frames.rig_arrays.rig
-    if not (fitted.farthest > settings.stretch_std).any():
-        return frames
     every, nothing = usable.sum(axis=1), dict[int, object]()  # was found in a row, by what
     ones = [rig, *rig.others.values()]  # each camera's; of the one that saw the farthest point gross errors are sought
     # many together only relative to a fit that no single one has turned, nor the worst of them
-    for least_std, which in (*[(settings.std, _alone)] * len(ones), *[(settings.stretch_std, _stretch)] * 2):
-        suspicious = np.flatnonzero(fitted.farthest > least_std).tolist()
+    for least_std, which in (
+        *[(ContactSettings.outlying_std, _alone)] * len(ones),
+        *[(core.solver.STRETCH_STD, _stretch)] * 2,
+    ):
+        off = (fitted.farthest > least_std) & ((which is _alone) | (fitted.jump > ContactSettings.jump))
+        suspicious = np.flatnonzero(off).tolist()
         rows = np.array([row for row in suspicious if nothing.get(row) is not which], int)
         if not len(rows):
             continue
@@ -453,7 +456,7 @@ def without_outliers(
         again.outliers[:] = count[fewer]
         better = (again.evidence < ContactSettings.contact_evidence) | ~unexplained(again)
         changed = rows[fewer][better]
-        fitted.put(changed, FitNumbers(*(values[better] for values in again.tables)))
+        fitted.put(changed, again.picked(better))
         usable = usable.copy() if usable is frames.usable else usable
         usable[changed] = left[fewer][better]
         for row in changed.tolist():
@@ -484,7 +487,7 @@ def _outliers(
 def _alone(across_px: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
     """(N,) mask of the points that lie far from their neighbours; several that lie off together are a shape."""
     off = np.abs(across_px - _medians(across_px))
-    return np.asarray(off > np.maximum(OutlierSettings.std * sigma_px, OutlierSettings.px))
+    return np.asarray(off > np.maximum(ContactSettings.outlying_std * sigma_px, OutlierSettings.px))
 
 
 def _medians(values: np.ndarray) -> np.ndarray:
@@ -498,7 +501,7 @@ def _stretch(across_px: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
     """(N,) mask of points that lie off to one side together, between two jumps of the line, or between a jump and
     its end."""
     settings, count = OutlierSettings(), len(across_px)
-    off, side = np.zeros(count, bool), min(settings.side, max(count // 12, 4))
+    off, side = np.zeros(count, bool), min(core.solver.SIDE, max(count // 12, 4))
     if count < 4 * side:
         return off
     medians = core.search.running_medians(across_px, side)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from vbaa_calib.native import core
+
 
 @dataclass(frozen=True)
 class ContactSettings:
     """Thresholds of contacts."""
 
     # status of a frame
-    fewest_points: int = 5  # of a centreline
+    fewest_points: int = core.solver.FEWEST_POINTS  # of a centreline
     contact_evidence: float = 14.0  # least of a contact: noise exceeds it four times in a million, as χ² of 3 does 28
     low_signal: float = 0.05  # deviation of a distance or a deflection, over the length, that is withheld,
     low_signal_relative: float = 0.1  # or of a distance over itself: beyond, first order does not describe it
@@ -22,6 +24,8 @@ class ContactSettings:
     highest_bias: float = 10.0  # deviations of a model's bias that it is rejected for: up to there it is in the results
     steepest: float = 3.5  # friction angle in its prior deviations that is rejected,
     steepest_blind: float = 2.5  # and without a reading
+    outlying_std: float = 30.0  # distance of a point from its neighbours, in its deviations: no noise gets there
+    jump: float = 2.0  # of points' distances along a line, in their deviations, from which a stretch may lie off
     outlying_end: float = 2.5  # deviations of the visible end from the rest, from which it is not used
     friction_share: float = 0.75  # of the distance's variance by unknown friction that is mentioned: half its deviation
     rig_p_value: float = 2e-5  # of the rig's steps below which the frame asks for another rig

@@ -26,14 +26,15 @@ def statuses(places: np.ndarray) -> np.ndarray:
     return np.array([NO_ANTENNA, FAILED, NO_CONTACT, UNOBSERVABLE, LOW, TIP, OK])[places]
 
 
-def unexplained(numbers: FitNumbers) -> np.ndarray:
-    """(B,) mask of the frames that no single possible contact explains."""
-    return np.asarray(core.solver.judge(ContactSettings, numbers, len(numbers))[1] & core.solver.UNEXPLAINED != 0)
+def unexplained(numbers: FitNumbers, bits: int = core.solver.UNEXPLAINED) -> np.ndarray:
+    """(B,) mask of the frames that no single possible contact explains, or of which something else was noticed that the
+    core's `report.hpp` names."""
+    return np.asarray(core.solver.judge(ContactSettings, numbers.rows)[1] & bits != 0)
 
 
 def _noticed(numbers: FitNumbers) -> int:
     """What was noticed of one frame: bits that the core's `report.hpp` names."""
-    return int(core.solver.judge(ContactSettings, numbers, 1)[1][0])
+    return int(core.solver.judge(ContactSettings, numbers.rows)[1][0])
 
 
 def _disagreement(numbers: FitNumbers) -> float:

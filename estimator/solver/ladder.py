@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from vbaa_calib.antenna.rungs import RUNGS
@@ -15,7 +17,7 @@ from .rig_arrays import UNKNOWNS
 
 
 def solve(
-    frames: Frames,
+    frames: Frames | tuple[Any, ...],
     model: str,
     warm: np.ndarray | None = None,
     pieces_m: np.ndarray | None = None,
@@ -24,21 +26,28 @@ def solve(
 ) -> FitNumbers:
     """Fit B frames independently, in `jobs` threads.
 
-    warm : (B, 4) unknowns near the truth where finite; pieces_m : (G,) arc lengths of `motion.Beam`, if it is tested.
+    frames : or what `frames_from_pixels` makes them of. warm : (B, 4) unknowns near the truth where
+        finite; pieces_m : (G,) arc lengths of `motion.Beam`, if it is tested. Frames with too few
+        points are not fitted.
     all_axes : of the rig's errors, also those that a single frame hardly shows: many frames together do.
     """
-    found, rig_arrays = FitNumbers.unwritten(len(frames)), frames.rig_arrays
-    starts = np.full((len(frames), UNKNOWNS), np.nan) if warm is None else np.ascontiguousarray(warm, float)
+    rig_arrays, measured, count = (
+        (frames.rig_arrays, frames, len(frames))
+        if isinstance(frames, Frames)
+        else (frames[0], frames[1:], len(frames[1]))
+    )
+    found = FitNumbers.empty(count)
+    starts = np.empty((0, UNKNOWNS)) if warm is None else np.ascontiguousarray(warm, float)
     pieces = np.empty(0) if pieces_m is None else np.ascontiguousarray(pieces_m, float)
     rung = -1 if model == "auto" else RUNGS.index(model)
     usual = rig_arrays if all_axes else with_usual_axes(rig_arrays)
     rigs = usual.core, rig_arrays.core, rig_arrays.exact.core
 
     def work(begin: int, end: int) -> None:
-        core.solver.solve(rigs, frames, begin, end, rung, starts, pieces, found)
+        core.solver.solve(rigs, measured, begin, end, rung, starts, pieces, found.rows)
 
-    in_threads(work, len(frames), jobs)
-    found.rig_axes[:] = rig_arrays.axes.any(axis=0).sum() + rig_arrays.line.size
+    in_threads(work, count, jobs)
+    found.rig_axes[:] = rig_arrays.independent
     return found
 
 

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import Field, dataclass, field, fields
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.native import core
-
-
-def _each(*shape: int, dtype: type = float) -> np.ndarray:
-    """Field of an array with one entry of this shape and kind per frame."""
-    values: np.ndarray = field(metadata={"shape": shape, "dtype": dtype})
-    return values
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,6 +17,7 @@ class FitNumbers:
 
     Attributes
     ----------
+    rows : (B,) structures as the core writes them, of all that follows.
     points : (B,) how many could be used. evaluations : (B,) of the model that the fit took.
     rung : index in `antenna.rungs.RUNGS`, of the one that was asked for, or of the lowest that is good enough.
     unknowns, std : (B, 4), see `rig_arrays.UNKNOWNS`.
@@ -50,62 +46,25 @@ class FitNumbers:
     left_px : (B,) how far most points stay from the nearest antenna; NaN unless that is why the fit ended.
     bias : (B, len(RUNGS)), NaN where it was not compared.
     farthest, farthest_camera : (B,) largest residual of a point, in standard deviations, and which camera saw that.
+    jump : (B,) largest difference of neighbouring points' median distances, in their deviations; where a point lies
+        farther than `core.solver.STRETCH_STD`, else 0.
     outliers : (B,) points that lie far off their neighbours and were left out.
     pieces_m, pieces_std_m : points of the fitted antenna at `Beam.pieces_m`, antenna frame, and their deviations by
         the noise of one frame. push : how far a load of 1 N/m on each piece, along y and z, would move the distance,
         in deviations. NaN where motion is not tested.
     """
 
-    points: np.ndarray = _each(dtype=int)
-    evaluations: np.ndarray = _each(dtype=int)
-    rung: np.ndarray = _each(dtype=int)
-    unknowns: np.ndarray = _each(4)
-    std: np.ndarray = _each(4)
-    point_m: np.ndarray = _each(3)
-    force_N: np.ndarray = _each(3)
-    tangent: np.ndarray = _each(3)
-    deflection_m: np.ndarray = _each(3)
-    covariance: np.ndarray = _each(6, 6)
-    with_pose: np.ndarray = _each(6, 6)
-    shared: np.ndarray = _each(6, 6)
-    shared_std: np.ndarray = _each()
-    friction_share: np.ndarray = _each()
-    tip_std: np.ndarray = _each()
-    cost: np.ndarray = _each()
-    residual: np.ndarray = _each(6)
-    residual_std: np.ndarray = _each(6)
-    sensor_available: np.ndarray = _each(6, dtype=bool)
-    rig_chi_square: np.ndarray = _each()
-    rig_axes: np.ndarray = _each(dtype=int)
-    evidence: np.ndarray = _each()
-    converged: np.ndarray = _each(dtype=bool)
-    at_tip: np.ndarray = _each(dtype=bool)
-    scatter: np.ndarray = _each()
-    condition: np.ndarray = _each()
-    finite: np.ndarray = _each(dtype=bool)
-    alternative_cost: np.ndarray = _each()
-    alternative_unknowns: np.ndarray = _each(4)
-    ambiguous: np.ndarray = _each(dtype=bool)
-    marginal: np.ndarray = _each(dtype=bool)
-    second_gain: np.ndarray = _each()
-    second_place: np.ndarray = _each()
-    second_shift: np.ndarray = _each()
-    edge_on_rad: np.ndarray = _each()
-    explained_alone: np.ndarray = _each(dtype=bool)
-    explained_drifted: np.ndarray = _each(dtype=bool)
-    drift_px: np.ndarray = _each()
-    drift_readings: np.ndarray = _each()
-    left_px: np.ndarray = _each()
-    bias: np.ndarray = _each(len(RUNGS))
-    farthest: np.ndarray = _each()
-    farthest_camera: np.ndarray = _each(dtype=int)
-    outliers: np.ndarray = _each(dtype=int)
-    pieces_m: np.ndarray = _each(core.solver.PIECES, 3)
-    pieces_std_m: np.ndarray = _each(core.solver.PIECES)
-    push: np.ndarray = _each(core.solver.PIECES, 2)
+    rows: np.ndarray
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        """The numbers of that name, of all frames."""
+        if name.startswith("_") or name not in core.solver.NUMBERS["names"]:
+            raise AttributeError(f"a fit has no {name}")
+        values: np.ndarray = self.rows[name]
+        return values
 
     def __len__(self) -> int:
-        return len(self.rung)
+        return len(self.rows)
 
     @property
     def force_determined(self) -> np.ndarray:
@@ -116,31 +75,31 @@ class FitNumbers:
     @staticmethod
     def empty(count: int) -> FitNumbers:
         """The numbers of `count` frames without a fit: NaN, 0 and False."""
-
-        def none(f: Field[np.ndarray]) -> np.ndarray:
-            dtype = f.metadata["dtype"]
-            return np.full((count, *f.metadata["shape"]), np.nan if dtype is float else 0, dtype)
-
-        return FitNumbers(*map(none, fields(FitNumbers)))
+        return FitNumbers(np.full(count, _without_fit()))
 
     @staticmethod
-    def unwritten(count: int) -> FitNumbers:
-        """Uninitialised arrays for the numbers of fits."""
-        return FitNumbers(*(np.zeros((count, *shape), dtype) for shape, dtype in _KINDS))
+    def joined(several: Sequence[FitNumbers]) -> FitNumbers:
+        """The numbers of frames one after the other."""
+        return FitNumbers(np.concatenate([each.rows for each in several]))
+
+    def picked(self, which: slice | np.ndarray) -> FitNumbers:
+        """The numbers of some frames."""
+        return FitNumbers(self.rows[which])
 
     def row(self, index: int) -> FitNumbers:
         """The numbers of one frame."""
-        return self if len(self) == 1 else FitNumbers(*(values[index : index + 1] for values in self.tables))
-
-    @property
-    def tables(self) -> tuple[np.ndarray, ...]:
-        """All arrays, for the core."""
-        return tuple(vars(self).values())
+        return self.picked(slice(index, index + 1))
 
     def put(self, rows: np.ndarray, part: FitNumbers) -> None:
         """Write the numbers of some frames into their rows."""
-        for whole, values in zip(self.tables, part.tables, strict=True):
-            whole[rows] = values
+        self.rows[rows] = part.rows
 
 
-_KINDS = [(f.metadata["shape"], f.metadata["dtype"]) for f in fields(FitNumbers)]
+@lru_cache
+def _without_fit() -> np.ndarray:
+    """() the numbers of a frame without a fit."""
+    nothing = np.zeros((), core.solver.NUMBERS)
+    for name in core.solver.NUMBERS["names"]:
+        if nothing[name].dtype == float:
+            nothing[name] = np.nan
+    return nothing

@@ -111,6 +111,11 @@ class RigArrays:
         """(S,) mask of `sensors` that the rig has."""
         return np.asarray(self.by_wrench[self.sensors].any(axis=1))
 
+    @cached_property
+    def independent(self) -> int:
+        """Number of error steps without the columns of zeros."""
+        return int(self.axes.any(axis=0).sum()) + self.line.size
+
     @property
     def steps(self) -> int:
         """Number R + V L of error steps."""

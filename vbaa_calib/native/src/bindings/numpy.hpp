@@ -83,6 +83,22 @@ View<T, N> attribute(nb::handle object, const char* name) {
     return found;
 }
 
+// The structures of a NumPy array of them, and of as many, unless that is any number.
+template <class Row>
+View<Row, 1> structures(nb::handle array, int count = -1) {
+    Py_buffer buffer;
+    const bool got =
+        PyObject_GetBuffer(array.ptr(), &buffer, PyBUF_C_CONTIGUOUS | (std::is_const_v<Row> ? 0 : PyBUF_WRITABLE)) == 0;
+    if (!got) PyErr_Clear();
+    const bool right = got && buffer.ndim == 1 && buffer.itemsize == sizeof(Row) && countable(buffer.shape, 1) &&
+                       (count < 0 || buffer.shape[0] == count);
+    const View<Row, 1> found =
+        right ? View<Row, 1>{static_cast<Row*>(buffer.buf), {static_cast<int>(buffer.shape[0])}} : View<Row, 1>{};
+    if (got) PyBuffer_Release(&buffer);
+    if (!right) nb::raise_type_error("not a contiguous array of the structures that the core fills");
+    return found;
+}
+
 template <class T>
 T number(nb::handle object, const char* name) {
     T found{};

@@ -139,32 +139,111 @@ Frames frames_of(const Rig& rig, nb::handle object) {
     return frames;
 }
 
-solver::Numbers numbers_of(nb::handle object, int count) {
-    solver::Numbers n;
-    read(object, std::array{count}, "points", n.points, "evaluations", n.evaluations, "rung", n.rung, "rig_axes",
-         n.rig_axes, "outliers", n.outliers, "converged", n.converged, "at_tip", n.at_tip, "finite", n.finite,
-         "ambiguous", n.ambiguous, "marginal", n.marginal, "shared_std", n.shared_std, "friction_share",
-         n.friction_share, "tip_std", n.tip_std, "cost", n.cost, "rig_chi_square", n.rig_chi_square, "evidence",
-         n.evidence, "scatter", n.scatter, "condition", n.condition, "alternative_cost", n.alternative_cost,
-         "second_gain", n.second_gain, "second_place", n.second_place, "second_shift", n.second_shift, "edge_on_rad",
-         n.edge_on_rad, "drift_px", n.drift_px, "drift_readings", n.drift_readings, "left_px", n.left_px, "farthest",
-         n.farthest, "farthest_camera", n.farthest_camera);
-    read(object, std::array{count, solver::READINGS - 1}, "sensor_available", n.sensor_available, "residual",
-         n.residual, "residual_std", n.residual_std);
-    read(object, std::array{count, 3}, "point_m", n.point_m, "force_N", n.force_N, "tangent", n.tangent, "deflection_m",
-         n.deflection_m);
-    read(object, std::array{count, UNKNOWNS}, "unknowns", n.unknowns, "std", n.std, "alternative_unknowns",
-         n.alternative_unknowns, "bias", n.bias);
-    read(object, std::array{count, 6, 6}, "covariance", n.covariance, "with_pose", n.with_pose, "shared", n.shared);
-    read(object, std::array{count, solver::PIECES}, "pieces_std_m", n.pieces_std_m);
-    read(object, std::array{count, solver::PIECES, 3}, "pieces_m", n.pieces_m);
-    read(object, std::array{count, solver::PIECES, 2}, "push", n.push);
-    return n;
+// NumPy's description of a structure: names, kinds with their shapes, offsets, and the size.
+template <class Row>
+class Described {
+  public:
+    template <class Kind, class... More>
+    void add(const char* name, Kind Row::* member, More... more) {
+        std::string shape;
+        add_shape<Kind>(shape);
+        using Value = std::remove_all_extents_t<Kind>;
+        names.append(name);
+        shape += std::is_same_v<Value, bool> ? "?" : std::is_same_v<Value, double> ? "f8" : "i8";
+        kinds.append(nb::str(shape.c_str()));
+        offsets.append(reinterpret_cast<const char*>(&(row.*member)) - reinterpret_cast<const char*>(&row));
+        if constexpr (sizeof...(more) > 0) add(more...);
+    }
+    nb::dict made() const {
+        nb::dict found;
+        found["names"] = names, found["formats"] = kinds, found["offsets"] = offsets, found["itemsize"] = sizeof(Row);
+        return found;
+    }
+
+  private:
+    template <class Kind>
+    static void add_shape(std::string& shape) {
+        if constexpr (std::is_array_v<Kind>) {
+            shape += (shape.empty() ? "(" : "") + std::to_string(std::extent_v<Kind>) + ",";
+            add_shape<std::remove_extent_t<Kind>>(shape);
+        } else if (!shape.empty()) {
+            shape += ")";
+        }
+    }
+
+    Row row = {};
+    nb::list names, kinds, offsets;
+};
+
+nb::dict numbers_described() {
+    using N = solver::Numbers;
+    Described<N> found;
+    found.add("points", &N::points, "evaluations", &N::evaluations, "rung", &N::rung, "rig_axes", &N::rig_axes,
+              "farthest_camera", &N::farthest_camera, "outliers", &N::outliers, "unknowns", &N::unknowns, "std",
+              &N::std, "alternative_unknowns", &N::alternative_unknowns, "bias", &N::bias, "point_m", &N::point_m,
+              "force_N", &N::force_N, "tangent", &N::tangent, "deflection_m", &N::deflection_m, "covariance",
+              &N::covariance, "with_pose", &N::with_pose, "shared", &N::shared, "residual", &N::residual,
+              "residual_std", &N::residual_std, "shared_std", &N::shared_std, "friction_share", &N::friction_share,
+              "tip_std", &N::tip_std, "cost", &N::cost, "rig_chi_square", &N::rig_chi_square, "evidence", &N::evidence,
+              "scatter", &N::scatter, "condition", &N::condition, "alternative_cost", &N::alternative_cost,
+              "second_gain", &N::second_gain, "second_place", &N::second_place, "second_shift", &N::second_shift,
+              "edge_on_rad", &N::edge_on_rad, "drift_px", &N::drift_px, "drift_readings", &N::drift_readings, "left_px",
+              &N::left_px, "farthest", &N::farthest, "jump", &N::jump, "pieces_m", &N::pieces_m, "pieces_std_m",
+              &N::pieces_std_m, "push", &N::push, "sensor_available", &N::sensor_available, "converged", &N::converged,
+              "at_tip", &N::at_tip, "finite", &N::finite, "ambiguous", &N::ambiguous, "marginal", &N::marginal,
+              "explained_alone", &N::explained_alone, "explained_drifted", &N::explained_drifted);
+    return found.made();
 }
 
-// rigs: for usual frames, for all, and exact.
-void solve(const nb::tuple& rigs_, nb::handle frames_, int begin, int end, int rung, InMatrix warm, InVector pieces_m,
-           nb::handle numbers_) {
+nb::dict reported_described() {
+    using R = solver::Reported;
+    Described<R> found;
+    found.add("distance_m", &R::distance_m, "distance_std_m", &R::distance_std_m, "distance_shared_std_m",
+              &R::distance_shared_std_m, "force_covariance_yz_N2", &R::force_covariance_yz_N2, "moment_residual_Nm",
+              &R::moment_residual_Nm, "friction_angle_rad", &R::friction_angle_rad, "friction_angle_std_rad",
+              &R::friction_angle_std_rad, "evidence", &R::evidence, "point_shared_std_m", &R::point_shared_std_m,
+              "force_shared_std_N", &R::force_shared_std_N, "force_N", &R::force_N, "force_std_N", &R::force_std_N,
+              "deflection_m", &R::deflection_m, "point_antenna_m", &R::point_antenna_m, "point_world_m",
+              &R::point_world_m, "force_world_N", &R::force_world_N, "tangent_world", &R::tangent_world,
+              "covariance_world_m2", &R::covariance_world_m2, "in_contact", &R::in_contact);
+    return found.made();
+}
+
+using Strided = nb::ndarray<const double, nb::ndim<2>, nb::device::cpu>;
+
+// points, their deviations, readings, ends, gravity, and of several cameras which sees each point and each end
+solver::Pixels pixels_of(const Rig& rig, const nb::tuple& measured) {
+    require(measured.size() == 5 || measured.size() == 7, "pixels are five arrays, or seven of several cameras");
+    const auto points = nb::cast<InCube>(measured[0], false);
+    const auto sigma = nb::cast<Strided>(measured[1], false);
+    const auto reading = nb::cast<InMatrix>(measured[2], false), tip = nb::cast<InMatrix>(measured[3], false);
+    const auto gravity = nb::cast<InMatrix>(measured[4], false);
+    solver::Pixels pixels = {};
+    pixels.points = view(points), pixels.reading = view(reading), pixels.tip = view(tip);
+    pixels.gravity_m_s2 = view(gravity);
+    pixels.sigma = sigma.data(), pixels.sigma_apart = sigma.stride(0), pixels.sigma_by_point = sigma.stride(1);
+    const int count = pixels.size(), wide = pixels.points.shape[1];
+    require(pixels.points.shape[2] == 2 && static_cast<int>(sigma.shape(0)) == count &&
+                static_cast<int>(sigma.shape(1)) == wide,
+            "points must be (B, N, 2), their deviations (B, N)");
+    require(pixels.reading.shape == std::array{count, solver::READINGS - 1}, "readings must be (B, 6)");
+    require(pixels.tip.shape == std::array{count, 3} && pixels.gravity_m_s2.shape == std::array{count, 3},
+            "ends and gravity must be (B, 3)");
+    if (measured.size() == 5) return pixels;
+    const auto camera = nb::cast<Numpy<const std::int64_t, 2>>(measured[5], false);
+    const auto tip_camera = nb::cast<Numpy<const std::int64_t, 1>>(measured[6], false);
+    pixels.camera = view(camera), pixels.tip_camera = view(tip_camera);
+    require(pixels.camera.shape == std::array{count, wide} && pixels.tip_camera.size() == count, "cameras are (B, N)");
+    const auto of_rig = [&](std::int64_t one) { return 0 <= one && one < static_cast<int>(rig.cameras.size()); };
+    require(std::all_of(pixels.camera.begin(), pixels.camera.end(), of_rig) &&
+                std::all_of(pixels.tip_camera.begin(), pixels.tip_camera.end(), of_rig),
+            "no such camera");
+    return pixels;
+}
+
+// rigs: for usual frames, for all, and exact. measured: `Frames`, or pixels.
+void solve(const nb::tuple& rigs_, nb::handle measured, int begin, int end, int rung, InMatrix warm, InVector pieces_m,
+           nb::handle numbers) {
     require(rigs_.size() == 3, "rigs must be three");
     const auto rig = [&](int index) -> const Rig& { return nb::cast<const Rig&>(rigs_[index]); };
     const solver::Rigs rigs = {rig(0), rig(1), rig(2)};
@@ -172,14 +251,19 @@ void solve(const nb::tuple& rigs_, nb::handle frames_, int begin, int end, int r
         return other.cameras.size() == rigs.usual.cameras.size() && other.readings == rigs.usual.readings;
     };
     require(alike(rigs.complete) && alike(rigs.exact), "rigs differ in more than their axes");
-    const Frames frames = frames_of(rigs.usual, frames_);
-    const solver::Numbers numbers = numbers_of(numbers_, frames.size());
-    require(0 <= begin && end <= frames.size(), "begin and end must be frames");
     require(solver::AUTO <= rung && rung <= solver::ROD, "no such rung");
-    require(view(warm).shape == std::array{frames.size(), UNKNOWNS}, "warm must be (B, 4)");
     require(pieces_m.size() == 0 || pieces_m.size() == solver::PIECES, "another number of pieces is tested");
-    Released released;
-    solver::solve_frames(rigs, frames, begin, end, rung, view(warm), view(pieces_m), numbers);
+    const auto solved = [&](const auto& frames) {
+        const auto rows = structures<solver::Numbers>(numbers, frames.size());
+        require(warm.size() == 0 || view(warm).shape == std::array{frames.size(), UNKNOWNS}, "warm must be (B, 4)");
+        require(0 <= begin && end <= frames.size(), "begin and end must be frames");
+        Released released;
+        solver::solve_frames(rigs, frames, begin, end, rung, view(warm), view(pieces_m), rows);
+    };
+    if (nb::isinstance<nb::tuple>(measured))
+        solved(pixels_of(rigs.usual, nb::borrow<nb::tuple>(measured)));
+    else
+        solved(frames_of(rigs.usual, measured));
 }
 
 solver::Limits limits_of(nb::handle object) {
@@ -189,7 +273,8 @@ solver::Limits limits_of(nb::handle object) {
                  found.low_signal_relative, "alternative_cost", found.alternative_cost, "steepest", found.steepest,
                  "steepest_blind", found.steepest_blind, "second_contact", found.second_contact, "second_shift",
                  found.second_shift, "highest_bias", found.highest_bias, "contradiction", found.contradiction,
-                 "disagreement", found.disagreement, "friction_share", found.friction_share, "fewest_points",
+                 "disagreement", found.disagreement, "friction_share", found.friction_share, "outlying_std",
+                 found.outlying_std, "jump", found.jump, "outlying_end", found.outlying_end, "fewest_points",
                  found.fewest_points);
     return found;
 }
@@ -199,37 +284,30 @@ struct JudgedRows {
     Numpy<std::int64_t, 1> status;
     Numpy<std::uint64_t, 1> noticed;
 
-    JudgedRows(nb::handle limits, const solver::Numbers& numbers, int count)
-        : status(room<std::int64_t>(count)), noticed(room<std::uint64_t>(count)) {
-        for (std::int64_t rung : numbers.rung) require(0 <= rung && rung <= solver::REFERENCE, "no such rung");
+    JudgedRows(nb::handle limits, View<const solver::Numbers, 1> numbers)
+        : status(room<std::int64_t>(numbers.size())), noticed(room<std::uint64_t>(numbers.size())) {
+        for (const solver::Numbers& each : numbers)
+            require(0 <= each.rung && each.rung <= solver::REFERENCE, "no such rung");
         solver::judge(numbers, limits_of(limits), {view(status), view(noticed)});
     }
 };
 
-auto judge(nb::handle limits, nb::handle numbers, int count) {
-    const JudgedRows found(limits, numbers_of(numbers, count), count);
+auto judge(nb::handle limits, nb::handle numbers) {
+    const JudgedRows found(limits, structures<const solver::Numbers>(numbers));
     return std::make_pair(found.status, found.noticed);
 }
 
-auto report(nb::handle limits, nb::handle numbers_, nb::handle placed_, nb::handle columns_, int count) {
-    const solver::Numbers numbers = numbers_of(numbers_, count);
-    const JudgedRows found(limits, numbers, count);
+auto report(nb::handle limits, nb::handle numbers_, nb::handle placed_, nb::handle reported) {
+    const auto numbers = structures<const solver::Numbers>(numbers_);
+    const int count = numbers.size();
+    const JudgedRows found(limits, numbers);
     solver::Placed placed;
     read(placed_, std::array{count, 3, 3}, "rotation", placed.rotation);
     read(placed_, std::array{count, 3}, "translation_m", placed.translation_m);
     read_numbers(placed_, "length_m", placed.length_m, "friction_rad", placed.friction_rad, "moment_Nm",
                  placed.moment_Nm);
-    solver::Columns to;
-    read(columns_, std::array{count}, "in_contact", to.in_contact, "distance_m", to.distance_m, "distance_std_m",
-         to.distance_std_m, "distance_shared_std_m", to.distance_shared_std_m, "force_covariance_yz_N2",
-         to.force_covariance_yz_N2, "moment_residual_Nm", to.moment_residual_Nm, "friction_angle_rad",
-         to.friction_angle_rad, "friction_angle_std_rad", to.friction_angle_std_rad, "evidence", to.evidence);
-    read(columns_, std::array{count, 3}, "point_shared_std_m", to.point_shared_std_m, "force_shared_std_N",
-         to.force_shared_std_N, "force_N", to.force_N, "force_std_N", to.force_std_N, "deflection_m", to.deflection_m,
-         "point_antenna_m", to.point_antenna_m, "point_world_m", to.point_world_m, "force_world_N", to.force_world_N,
-         "tangent_world", to.tangent_world);
-    read(columns_, std::array{count, 3, 3}, "covariance_world_m2", to.covariance_world_m2);
-    solver::report(numbers, {view(found.status), view(found.noticed)}, placed, to);
+    solver::report(numbers, {view(found.status), view(found.noticed)}, placed,
+                   structures<solver::Reported>(reported, count));
     return std::make_pair(found.status, found.noticed);
 }
 
@@ -367,9 +445,9 @@ void bind_solver(nb::module_& module) {
             "__init__",
             [](Rig* at, nb::handle fields, const nb::tuple& cameras) { new (at) Rig(rig_of(fields, cameras)); },
             nb::keep_alive<1, 3>());
-    room.def("solve", &solve, "Fits frames from `begin` to `end` on a rung, −1: the highest, into `FitNumbers`.");
+    room.def("solve", &solve, "Fits frames from `begin` to `end` on a rung, −1: the highest, into rows of NUMBERS.");
     room.def("judge", &judge, "Statuses (B,) of fits, in their order, and what was noticed (B,), bits of Noticed.");
-    room.def("report", &report, "Columns of `Contacts` into arrays by name; gives what `judge` does.");
+    room.def("report", &report, "Columns of `Contacts` into rows of REPORTED; gives what `judge` does.");
     room.def("rough", &rough, "Rough minima (B, 4) on a low rung and the antennas' nodes there (B, M, 3).");
     room.def("linearise", &linearise, "Frames on a rung at unknowns (B, 4), into `Linearised`.");
     room.def("gradients", &gradients,
@@ -384,6 +462,8 @@ void bind_solver(nb::module_& module) {
         "places", &places,
         "Places (B, N) along the longer side of points (B, N, 2), which frames lack order, the extents of u and v.");
     room.def("accelerations", &accelerations, "Second derivatives of points in judged frames, their std, response.");
+    room.attr("NUMBERS") = numbers_described();
+    room.attr("REPORTED") = reported_described();
     room.attr("NEAREST") = solver::NEAREST;
     room.attr("EXCESS_SCATTER") = solver::EXCESS_SCATTER;
     room.attr("WRONG_SHAPE") = solver::WRONG_SHAPE;
@@ -399,6 +479,10 @@ void bind_solver(nb::module_& module) {
     room.attr("MODEL_TOO_LOW") = static_cast<int>(solver::MODEL_TOO_LOW);
     room.attr("FORCE_UNKNOWN") = static_cast<int>(solver::FORCE_UNKNOWN);
     room.attr("OUT_OF_ORDINARY") = static_cast<int>(solver::OUT_OF_ORDINARY);
+    room.attr("FEWEST_POINTS") = solver::PointSettings().fewest;
+    room.attr("STRETCH_STD") = solver::PointSettings().stretch_std;
+    room.attr("SIDE") = solver::PointSettings().side;
+    room.attr("DOUBTED") = static_cast<int>(solver::DOUBTED);
     room.attr("LANES") = LANES;
     room.attr("HUBER") = solver::HUBER;
     room.attr("END") = static_cast<int>(solver::END);

@@ -28,7 +28,7 @@ void put_points(Frame& frame, int count, Row&& row_of) {
 
 }  // namespace
 
-Frame frame_of(const Frames& frames, int index) {
+Frame frame_of(const Rig&, const Frames& frames, int index) {
     const ConstVector usable = frames.usable.row(index);
     std::vector<int> rows;
     rows.reserve(usable.size());
@@ -47,6 +47,54 @@ Frame frame_of(const Frames& frames, int index) {
     frame.tip_clamp = static_cast<int>(frames.tip_camera[index]) * NODES;
     std::copy_n(frames.available.row(index).data, frames.available.shape[1], frame.available);
     std::copy_n(frames.gravity_m_s2.row(index).data, 3, frame.gravity_m_s2);
+    return frame;
+}
+
+Frame frame_of(const Rig& rig, const Pixels& pixels, int index) {
+    const int count = pixels.points.shape[1];
+    thread_local Array<double, 2> points, covariance;
+    thread_local Array<double, 1> usable, sigma;
+    if (usable.size() != count) {
+        points = Array<double, 2>(count, 2), covariance = Array<double, 2>(count, 3);
+        usable = sigma = Array<double, 1>(count);
+    }
+    for (int i = 0; i < count; ++i) sigma[i] = pixels.sigma[index * pixels.sigma_apart + i * pixels.sigma_by_point];
+    const auto camera_of = [&](int i) { return pixels.camera.size() ? static_cast<int>(pixels.camera(index, i)) : 0; };
+    for (int first = 0, end = 0; first < count; first = end) {
+        const int camera = camera_of(first);
+        while (end < count && camera_of(end) == camera) ++end;
+        ideal_points(*rig.cameras[camera].lens, pixels.points.row(index).part(first, end - first),
+                     {&sigma[first], {end - first}}, points.view().part(first, end - first),
+                     covariance.view().part(first, end - first), {&usable[first], {end - first}});
+    }
+    std::vector<int> rows;
+    rows.reserve(count);
+    for (int i = 0; i < count; ++i) {
+        if (usable[i] > 0.0) rows.push_back(i);
+    }
+    Frame frame = {};
+    put_points(frame, static_cast<int>(rows.size()), [&](int i, int& clamp) -> std::array<double, 5> {
+        const int row = rows[i];
+        clamp = camera_of(row) * NODES;
+        return {points(row, 0), points(row, 1), covariance(row, 0), covariance(row, 1), covariance(row, 2)};
+    });
+    for (int reading = 0; reading < rig.readings; ++reading) {
+        if (reading == END) continue;
+        const auto& by = rig.by_wrench[reading];
+        const double read = pixels.reading(index, reading - (reading > END));
+        const bool known = std::isfinite(read) && std::any_of(by, by + WRENCH, [](double each) { return each != 0.0; });
+        frame.reading[reading] = known ? read : 0.0;
+        frame.available[reading] = known;
+    }
+    const int sees_tip = pixels.tip_camera.size() ? static_cast<int>(pixels.tip_camera[index]) : 0;
+    frame.tip_clamp = sees_tip * NODES;
+    frame.tip_covariance[0] = frame.tip_covariance[2] = 1.0;
+    if (rig.with_tip) {
+        const double* end = pixels.tip.row(index).data;
+        ideal_points(*rig.cameras[sees_tip].lens, {end, {1, 2}}, {end + 2, {1}}, {frame.tip, {1, 2}},
+                     {frame.tip_covariance, {1, 3}}, {&frame.available[END], {1}});
+    }
+    std::copy_n(pixels.gravity_m_s2.row(index).data, 3, frame.gravity_m_s2);
     return frame;
 }
 

@@ -19,7 +19,20 @@ struct Frames {
     int size() const { return usable.shape[0]; }
 };
 
-Frame frame_of(const Frames& frames, int index);
+// B frames as they were measured, see `frames_from_pixels` in Python. A camera's points stand next to each other.
+struct Pixels {
+    ConstCube points;                          // (B, N, 2)
+    const double* sigma;                       // of the first point
+    std::int64_t sigma_apart, sigma_by_point;  // to the next frame's, and the next point's
+    ConstMatrix reading, tip, gravity_m_s2;    // (B, 6), (B, 3), (B, 3)
+    View<const std::int64_t, 2> camera;        // (B, N), or none: the rig has one
+    View<const std::int64_t, 1> tip_camera;    // (B,)
+
+    int size() const { return points.shape[0]; }
+};
+
+Frame frame_of(const Rig& rig, const Frames& frames, int index);
+Frame frame_of(const Rig& rig, const Pixels& pixels, int index);
 
 // Sum of one over the points' variances in the ideal picture.
 double information_of(const Frame& frame);

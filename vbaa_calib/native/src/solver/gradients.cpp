@@ -146,7 +146,7 @@ Changes changes_by_gravity(const Rig& rig, const Frame& frame, int rung, const F
 void gradients(const Rig& rig, const Frames& frames, int rung, ConstMatrix unknowns, ConstVector scatter,
                View<const bool, 1> at_tip, const Gradients& found) {
     for (int index = 0; index < frames.size(); ++index) {
-        const Frame frame = frame_of(frames, index);
+        const Frame frame = frame_of(rig, frames, index);
         Work work(rig, frame.count);
         Fit& fit = work.best;
         std::copy_n(unknowns.row(index).data, UNKNOWNS, fit.unknowns.begin());

@@ -249,7 +249,7 @@ void judge_rungs(const Search& search, int model, const Fit& problem, const Unce
 
 // One frame on a rung, by default on the highest: then also which one would have been good enough.
 void solve_frame(const Rig& rig, const Rig& exact, const Frame& frame, int model, const Unknowns& warm,
-                 ConstVector pieces_m, const Numbers& numbers, int row, Uncertainty& found, Work& work, Room& room) {
+                 ConstVector pieces_m, Numbers& numbers, Uncertainty& found, Work& work, Room& room) {
     const int rung = model == AUTO ? REFERENCE : model;
     const Search search = begun(rig, exact, frame, std::min<int>(rung, ELASTICA), warm, false, work, room);
     Findings findings;
@@ -275,32 +275,41 @@ void solve_frame(const Rig& rig, const Rig& exact, const Frame& frame, int model
     }
     findings.other.cost -= unscaled_cost(rig, work.best);
     findings.left_px = rig.cameras[frame.seen_by].focal * left;
-    write_numbers(rig, frame, found, findings, pieces_m, numbers, row, work);
+    write_numbers(rig, frame, found, findings, pieces_m, numbers, work);
 }
 
 }  // namespace
 
-void solve_frames(const Rigs& rigs, const Frames& frames, int begin, int end, int rung, ConstMatrix warm,
-                  ConstVector pieces_m, const Numbers& numbers) {
+template <class Measured>
+void solve_frames(const Rigs& rigs, const Measured& frames, int begin, int end, int rung, ConstMatrix warm,
+                  ConstVector pieces_m, View<Numbers, 1> numbers) {
     thread_local Room room, few;  // a call with one frame would take longer to make them than for all else
+    Unknowns start;
+    start.fill(NOT_KNOWN);
     for (int index = begin; index < end; ++index) {
-        const Frame frame = frame_of(frames, index);
+        const Frame frame = frame_of(rigs.exact, frames, index);
+        if (frame.count < PointSettings().fewest) {
+            numbers[index].points = frame.count;
+            continue;
+        }
         const Rig& rig = information_of(frame) > rigs.usual.most_information ? rigs.complete : rigs.usual;
         Uncertainty found(rig.steps());
         Work& work = room.of(rig, frame.count);
         work.evaluations = work.most = 0;
         begin_search(work);
-        Unknowns start;
-        std::copy_n(warm.row(index).data, UNKNOWNS, start.begin());
-        solve_frame(rig, rigs.exact, frame, rung, start, pieces_m, numbers, index, found, work, few);
+        if (warm.size()) std::copy_n(warm.row(index).data, UNKNOWNS, start.begin());
+        solve_frame(rig, rigs.exact, frame, rung, start, pieces_m, numbers[index], found, work, few);
     }
 }
+
+template void solve_frames(const Rigs&, const Frames&, int, int, int, ConstMatrix, ConstVector, View<Numbers, 1>);
+template void solve_frames(const Rigs&, const Pixels&, int, int, int, ConstMatrix, ConstVector, View<Numbers, 1>);
 
 void rough_frames(const Rig& rig, const Frames& frames, Matrix unknowns, Cube points_m) {
     Unknowns warm;
     warm.fill(NOT_KNOWN);
     for (int index = 0; index < frames.size(); ++index) {
-        const Frame frame = frame_of(frames, index);
+        const Frame frame = frame_of(rig, frames, index);
         Work work(rig, frame.count);
         Room few;
         const Search search = begun(rig, rig, frame, LINEAR, warm, true, work, few);

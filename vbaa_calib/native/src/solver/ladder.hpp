@@ -14,10 +14,12 @@ struct Rigs {
     const Rig &usual, &complete, &exact;
 };
 
-// Fits the frames from `begin` to `end`, each by itself, on a rung or AUTO, into rows of `numbers`.
-// warm: (B, 4) unknowns near the truth where finite. pieces_m: (PIECES,) arc lengths, if motion is tested, else none.
-void solve_frames(const Rigs& rigs, const Frames& frames, int begin, int end, int rung, ConstMatrix warm,
-                  ConstVector pieces_m, const Numbers& numbers);
+// Fits the frames from `begin` to `end`, each by itself, on a rung or AUTO, into their `numbers`.
+// warm: (B, 4) unknowns near the truth where finite, or none. pieces_m: (PIECES,) arc lengths, if motion is tested,
+// else none. Of a frame with too few points only their number is written.
+template <class Measured>
+void solve_frames(const Rigs& rigs, const Measured& frames, int begin, int end, int rung, ConstMatrix warm,
+                  ConstVector pieces_m, View<Numbers, 1> numbers);
 
 // Rough minima (B, 4) on a low rung, and the antennas' nodes there (B, M, 3), antenna frame.
 void rough_frames(const Rig& rig, const Frames& frames, Matrix unknowns, Cube points_m);

@@ -23,7 +23,7 @@ void copy_part(ConstMatrix source, int row, int column, Matrix target) {
 
 void linearise_frames(const Rig& rig, const Frames& frames, int rung, ConstMatrix unknowns, const Linearised& found) {
     for (int index = 0; index < frames.size(); ++index) {
-        const Frame frame = frame_of(frames, index);
+        const Frame frame = frame_of(rig, frames, index);
         Work work(rig, frame.count);
         Fit& fit = work.best;
         std::copy_n(unknowns.row(index).data, UNKNOWNS, fit.unknowns.begin());
@@ -47,7 +47,7 @@ void linearise_frames(const Rig& rig, const Frames& frames, int rung, ConstMatri
 void free_frames(const Rig& rig, const Frames& frames, ConstMatrix steps, double farthest_std,
                  const FreeAntennas& found) {
     for (int index = 0; index < frames.size(); ++index) {
-        const Frame frame = frame_of(frames, index);
+        const Frame frame = frame_of(rig, frames, index);
         Work work(rig, frame.count);
         Fit& fit = work.best;
         free_antenna(rig, frame, fit, work);

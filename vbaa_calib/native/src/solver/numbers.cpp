@@ -2,8 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
+#include <vector>
 
 #include "linear_algebra.hpp"
+#include "order.hpp"
+#include "smooth.hpp"
 #include "solver/initialization.hpp"
 #include "solver/normal_equations.hpp"
 
@@ -89,7 +93,7 @@ void add_bows(const Rig& rig, const Unknowns& unknowns, const Uncertainty& found
 }
 
 // By how many px, rms along the antenna, and σ of the readings the rig's own steps move both.
-void write_drift(const Rig& rig, const Fit& fit, const Numbers& numbers, int row) {
+void write_drift(const Rig& rig, const Fit& fit, Numbers& numbers) {
     const auto moved = [&](const double* columns) {
         double total = 0.0;
         for (int k = 0; k < rig.shared; ++k) total += columns[UNKNOWNS + k] * fit.steps[k];
@@ -110,13 +114,13 @@ void write_drift(const Rig& rig, const Fit& fit, const Numbers& numbers, int row
         if (reading == END) continue;
         most = std::max(most, std::abs(moved(fit.reading_columns.row(reading).data)));
     }
-    numbers.drift_px[row] = farthest_px;
-    numbers.drift_readings[row] = most;
+    numbers.drift_px = farthest_px;
+    numbers.drift_readings = most;
 }
 
 // Points of the fitted antenna at the pieces, antenna frame, and their σ by one frame's noise: from frame to frame, for
 // the rig as it is, of the linear beam, since the rig's errors are the same in all.
-void write_pieces(const Rig& rig, const Fit& fit, ConstVector pieces_m, const Numbers& numbers, int row, Work& work) {
+void write_pieces(const Rig& rig, const Fit& fit, ConstVector pieces_m, Numbers& numbers, Work& work) {
     const double contact = fit.unknowns[0], unit_m = rig.unit_load * rig.length_m;
     factorise(fit.information, 0, UNKNOWNS, 0.0, work.factor, work.scale);
     for (int g = 0; g < PIECES; ++g) {
@@ -124,7 +128,7 @@ void write_pieces(const Rig& rig, const Fit& fit, ConstVector pieces_m, const Nu
         const double by_force = unit_m * antenna::deflection(rig.taper, along, contact);
         const double by_distance = unit_m * antenna::deflection_by_contact(rig.taper, along, contact);
         const std::array<double, 3> point_m = point_at(fit, rig.length_m, at);
-        std::copy(point_m.begin(), point_m.end(), numbers.pieces_m.row(row).row(g).data);
+        std::copy(point_m.begin(), point_m.end(), numbers.pieces_m[g]);
         double total = 0.0;
         for (int axis = 1; axis < 3; ++axis) {
             Unknowns slopes = {fit.unknowns[axis] * by_distance}, moved;
@@ -132,13 +136,13 @@ void write_pieces(const Rig& rig, const Fit& fit, ConstVector pieces_m, const Nu
             solve_factorised(work.factor, work.scale, UNKNOWNS, slopes.data(), moved.data());
             for (int a = 0; a < UNKNOWNS; ++a) total += slopes[a] * moved[a];
         }
-        numbers.pieces_std_m(row, g) = std::sqrt(std::max(total, LEAST_STD_M * LEAST_STD_M));
+        numbers.pieces_std_m[g] = std::sqrt(std::max(total, LEAST_STD_M * LEAST_STD_M));
     }
 }
 
 // How far a load of 1 N/m on each piece, along y and z, would move the distance, in σ.
 void write_push(const Rig& rig, const Frame& frame, const Fit& fit, ConstVector pieces_m, double distance_std,
-                const Numbers& numbers, int row, Work& work) {
+                Numbers& numbers, Work& work) {
     constexpr int FORCES = 2 * PIECES;
     const double width = rig.length_m / PIECES, unit = rig.unit_load / rig.force_unit_N * rig.length_m * width;
     double bent[NODES][PIECES], force_N[PIECES], lever[PIECES], readings[READINGS][FORCES];
@@ -165,11 +169,11 @@ void write_push(const Rig& rig, const Frame& frame, const Fit& fit, ConstVector 
     for (int j = 0; j < fit.nodes; ++j) add(fit.columns.row(j).data, 1.0, weighted.row(j).data);
     for (int k = 0; k < fit.readings; ++k)
         add(fit.reading_columns.row(k).data, huber_weight(fit.residual[k]), readings[k]);
-    for (int k = 0; k < FORCES; ++k) numbers.push(row, k / 2, k % 2) = moved[k] / distance_std;
+    for (int k = 0; k < FORCES; ++k) numbers.push[k / 2][k % 2] = moved[k] / distance_std;
 }
 
 // Contact point, force and their covariances.
-void write_touch(const Rig& rig, const Uncertainty& found, const Findings& findings, const Numbers& numbers, int row,
+void write_touch(const Rig& rig, const Uncertainty& found, const Findings& findings, Numbers& numbers,
                  const Work& work) {
     const Fit& fit = work.best;
     const Marginal& marginal = findings.marginal;
@@ -191,20 +195,20 @@ void write_touch(const Rig& rig, const Uncertainty& found, const Findings& findi
             with_rig(q, k) = turned;
         }
     }
-    numbers.shared_std[row] = std::sqrt(by_distance);
+    numbers.shared_std = std::sqrt(by_distance);
     if (!fit.at_tip) add_bows(rig, fit.unknowns, found, covariance);
     if (marginal.known) std::copy_n(marginal.touch_covariance[0], 36, covariance[0]);
-    add_model_errors(rig, findings, found, covariance, numbers.std.row(row));
+    add_model_errors(rig, findings, found, covariance, view(numbers.std));
     const double distance = marginal.known ? marginal.mean[0] : fit.unknowns[0];
     const std::array<double, 3> free_point = point_at(work.free, rig.length_m, distance * rig.length_m);
     for (int q = 0; q < 6; ++q) {
         double touch = fit.point_force[q];
         for (int k = 0; k < steps; ++k) touch += fit.point_force_columns(q, UNKNOWNS + k) * fit.steps[k];
         if (marginal.known) touch = marginal.touch[q];
-        (q < 3 ? numbers.point_m : numbers.force_N)(row, q % 3) = touch;
+        (q < 3 ? numbers.point_m : numbers.force_N)[q % 3] = touch;
         if (q < 3) {
-            numbers.deflection_m(row, q) = touch - free_point[q];
-            numbers.tangent(row, q) = fit.tangents[q][CONTACT];
+            numbers.deflection_m[q] = touch - free_point[q];
+            numbers.tangent[q] = fit.tangents[q][CONTACT];
         }
         for (int p = 0; p < 6; ++p) {
             double pose = 0.0, both = 0.0;
@@ -212,83 +216,105 @@ void write_touch(const Rig& rig, const Uncertainty& found, const Findings& findi
                 pose += with_rig(q, k) * rig.axes(p, k);
                 both += with_rig(q, k) * with_rig(p, k);
             }
-            numbers.covariance(row, q, p) = covariance[q][p];
-            numbers.with_pose(row, q, p) = pose;
-            numbers.shared(row, q, p) = both;
+            numbers.covariance[q][p] = covariance[q][p];
+            numbers.with_pose[q][p] = pose;
+            numbers.shared[q][p] = both;
         }
     }
+}
+
+// Largest difference of the median distances of points next to each other along one camera's line, in their deviations.
+double largest_jump(const Frame& frame, const Fit& fit, int clamp) {
+    std::vector<std::pair<double, double>> along;  // arc length and distance
+    std::vector<double> precision;
+    for (int i = 0; i < fit.points; ++i) {
+        if (frame.clamp[i] != clamp) continue;
+        along.emplace_back(fit.foot_m[i], fit.distance[i]);
+        precision.push_back(fit.precision[i]);
+    }
+    const int count = static_cast<int>(along.size()), side = std::min(PointSettings().side, std::max(count / 12, 4));
+    if (count < 4 * side) return 0.0;
+    std::sort(along.begin(), along.end());
+    Array<double, 1> distance(count);
+    for (int i = 0; i < count; ++i) distance[i] = along[i].second;
+    const Array<double, 1> medians = running_medians(distance, side);
+    double most = 0.0;
+    for (int i = side; i < medians.size(); ++i) most = std::max(most, std::abs(medians[i] - medians[i - side]));
+    return most * std::sqrt(nth_smallest(precision, count / 2));
 }
 
 }  // namespace
 
 void write_numbers(const Rig& rig, const Frame& frame, const Uncertainty& found, const Findings& findings,
-                   ConstVector pieces_m, const Numbers& numbers, int row, Work& work) {
+                   ConstVector pieces_m, Numbers& numbers, Work& work) {
     const Fit& fit = work.best;
     const Marginal& marginal = findings.marginal;
     const Unknowns& unknowns = marginal.known ? marginal.mean : fit.unknowns;
-    write_touch(rig, found, findings, numbers, row, work);
-    write_drift(rig, fit, numbers, row);
-    numbers.points[row] = fit.points;
-    numbers.evaluations[row] = work.evaluations;
+    write_touch(rig, found, findings, numbers, work);
+    write_drift(rig, fit, numbers);
+    numbers.points = fit.points;
+    numbers.evaluations = work.evaluations;
     const double distance_std = std::sqrt(found.covariance[0][0]);
     const double friction = found.covariance[0][3] / (distance_std * std::sqrt(found.covariance[3][3]));
-    numbers.friction_share[row] = friction * friction;
+    numbers.friction_share = friction * friction;
     const bool with_end = frame.available[END] > 0.0 && findings.left_px != findings.left_px;
-    numbers.tip_std[row] = with_end ? fit.residual[END] / found.reading_std[END] : NOT_KNOWN;
-    numbers.cost[row] = fit.cost;
+    numbers.tip_std = with_end ? fit.residual[END] / found.reading_std[END] : NOT_KNOWN;
+    numbers.cost = fit.cost;
     bool finite = std::isfinite(fit.cost);
     for (int a = 0; a < UNKNOWNS; ++a) {
-        numbers.unknowns(row, a) = unknowns[a];
-        numbers.alternative_unknowns(row, a) = findings.other.unknowns[a];
+        numbers.unknowns[a] = unknowns[a];
+        numbers.alternative_unknowns[a] = findings.other.unknowns[a];
         finite = finite && std::isfinite(unknowns[a]);
     }
-    numbers.finite[row] = finite;
+    numbers.finite = finite;
     for (int reading = 0; reading < READINGS; ++reading) {
         if (reading == END) continue;
         const int column = reading - (reading > END);
-        numbers.residual(row, column) = fit.residual[reading];
-        numbers.residual_std(row, column) = found.reading_std[reading];
-        numbers.sensor_available(row, column) = frame.available[reading] > 0.0;
+        numbers.residual[column] = fit.residual[reading];
+        numbers.residual_std[column] = found.reading_std[reading];
+        numbers.sensor_available[column] = frame.available[reading] > 0.0;
     }
     double chi_square = 0.0, largest = 0.0;
-    numbers.farthest_camera[row] = frame.seen_by;
+    numbers.farthest_camera = frame.seen_by;
     for (double step : fit.steps) chi_square += step * step;
     for (int i = 0; i < fit.points; ++i) {
         const double square = fit.distance[i] * fit.distance[i] * fit.precision[i];
         if (!(square > largest)) continue;
         largest = square;
-        numbers.farthest_camera[row] = frame.clamp[i] / NODES;
+        numbers.farthest_camera = frame.clamp[i] / NODES;
     }
-    numbers.rig_chi_square[row] = chi_square;
-    numbers.converged[row] = fit.converged;
-    numbers.at_tip[row] = fit.at_tip;
-    numbers.scatter[row] = fit.scatter;
-    numbers.condition[row] = found.condition;
-    numbers.evidence[row] = findings.evidence;
-    numbers.alternative_cost[row] = findings.other.cost;
-    numbers.second_gain[row] = findings.second.gain;
-    numbers.second_place[row] = findings.second.place;
-    numbers.second_shift[row] = findings.second.shift;
-    numbers.ambiguous[row] = findings.ambiguous;
-    numbers.marginal[row] = marginal.known;
-    std::copy_n(findings.bias, REFERENCE + 1, numbers.bias.row(row).data);
-    numbers.farthest[row] = std::sqrt(largest);
-    numbers.outliers[row] = 0;
-    numbers.edge_on_rad[row] = angle_edge_on(rig, rig.cameras[frame.seen_by], unknowns.data());
+    numbers.rig_chi_square = chi_square;
+    numbers.converged = fit.converged;
+    numbers.at_tip = fit.at_tip;
+    numbers.scatter = fit.scatter;
+    numbers.condition = found.condition;
+    numbers.evidence = findings.evidence;
+    numbers.alternative_cost = findings.other.cost;
+    numbers.second_gain = findings.second.gain;
+    numbers.second_place = findings.second.place;
+    numbers.second_shift = findings.second.shift;
+    numbers.ambiguous = findings.ambiguous;
+    numbers.marginal = marginal.known;
+    std::copy_n(findings.bias, REFERENCE + 1, numbers.bias);
+    numbers.farthest = std::sqrt(largest);
+    const int seen_by = static_cast<int>(numbers.farthest_camera) * NODES;
+    numbers.jump = numbers.farthest > PointSettings().stretch_std ? largest_jump(frame, fit, seen_by) : 0.0;
+    numbers.outliers = 0;
+    numbers.edge_on_rad = angle_edge_on(rig, rig.cameras[frame.seen_by], unknowns.data());
     for (int i = 1; i < frame.count; ++i) {
         if (frame.clamp[i] == frame.clamp[i - 1]) continue;
         const double angle = angle_edge_on(rig, rig.cameras[frame.clamp[i] / NODES], unknowns.data());
-        numbers.edge_on_rad[row] = std::max(numbers.edge_on_rad[row], angle);
+        numbers.edge_on_rad = std::max(numbers.edge_on_rad, angle);
     }
-    numbers.rung[row] = findings.needed;
-    numbers.left_px[row] = findings.left_px;
+    numbers.rung = findings.needed;
+    numbers.left_px = findings.left_px;
     if (pieces_m.size()) {
-        write_pieces(rig, fit, pieces_m, numbers, row, work);
-        write_push(rig, frame, fit, pieces_m, distance_std, numbers, row, work);
+        write_pieces(rig, fit, pieces_m, numbers, work);
+        write_push(rig, frame, fit, pieces_m, distance_std, numbers, work);
     } else {
-        fill(numbers.pieces_m.row(row), NOT_KNOWN);
-        fill(numbers.pieces_std_m.row(row), NOT_KNOWN);
-        fill(numbers.push.row(row), NOT_KNOWN);
+        fill(view(numbers.pieces_m), NOT_KNOWN);
+        fill(view(numbers.pieces_std_m), NOT_KNOWN);
+        fill(view(numbers.push), NOT_KNOWN);
     }
 }
 

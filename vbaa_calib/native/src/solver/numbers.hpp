@@ -15,17 +15,24 @@ constexpr int PIECES = 12;
 // A rung's predicted bias is small below this fraction of the standard deviation; a demanded rung's larger one is added
 // to the standard deviations.
 constexpr double SMALL_BIAS = 1.0 / 3.0;
+// Of a frame's points.
+struct PointSettings {
+    int fewest = 5;            // that are fitted
+    double stretch_std = 4.0;  // residual of one, in standard deviations, from which on a stretch of them may lie off
+    int side = 8;              // on each side of a jump, at most: their medians determine it
+};
 
-// Arrays of one row for each frame, see `FitNumbers` in Python.
+// The numbers of a frame's fit, see `FitNumbers` in Python, which holds an array of these.
 struct Numbers {
-    View<std::int64_t, 1> points, evaluations, rung, rig_axes, farthest_camera, outliers;
-    View<bool, 1> converged, at_tip, finite, ambiguous, marginal;
-    View<bool, 2> sensor_available;
-    Vector shared_std, friction_share, tip_std, cost, rig_chi_square, evidence, scatter, condition, alternative_cost,
-        second_gain, second_place, second_shift, edge_on_rad, drift_px, drift_readings, left_px, farthest;
-    Matrix unknowns, std, point_m, force_N, tangent, deflection_m, residual, residual_std, alternative_unknowns, bias,
-        pieces_std_m;
-    Cube covariance, with_pose, shared, pieces_m, push;
+    std::int64_t points, evaluations, rung, rig_axes, farthest_camera, outliers;
+    double unknowns[UNKNOWNS], std[UNKNOWNS], alternative_unknowns[UNKNOWNS], bias[REFERENCE + 1];
+    double point_m[3], force_N[3], tangent[3], deflection_m[3];
+    double covariance[6][6], with_pose[6][6], shared[6][6], residual[READINGS - 1], residual_std[READINGS - 1];
+    double shared_std, friction_share, tip_std, cost, rig_chi_square, evidence, scatter, condition, alternative_cost;
+    double second_gain, second_place, second_shift, edge_on_rad, drift_px, drift_readings, left_px, farthest, jump;
+    double pieces_m[PIECES][3], pieces_std_m[PIECES], push[PIECES][2];
+    bool sensor_available[READINGS - 1], converged, at_tip, finite, ambiguous, marginal, explained_alone,
+        explained_drifted;
 };
 
 // What was found of a frame next to its best fit and uncertainty.
@@ -42,9 +49,9 @@ struct Findings {
     double left_px;          // how far most points stay from the nearest antenna, if the fit ended for that; else NaN
 };
 
-// Writes a frame's fit into a row. pieces_m: (PIECES,) arc lengths, or none.
+// Writes a frame's fit. pieces_m: (PIECES,) arc lengths, or none.
 void write_numbers(const Rig& rig, const Frame& frame, const Uncertainty& found, const Findings& findings,
-                   ConstVector pieces_m, const Numbers& numbers, int row, Work& work);
+                   ConstVector pieces_m, Numbers& numbers, Work& work);
 
 // Angle between the deformation plane and the ray from the camera's centre to the contact, rad.
 // At 0 the camera's centre lies in that plane and the antenna looks straight however it bends.
