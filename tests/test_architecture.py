@@ -33,11 +33,11 @@ CXX_CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b(?=[^=;(,]*=)")
 MOST = {
     "module constants": 893,
     "class names used twice": 0,
-    "classes": 459,
-    "public names": 1113,
+    "classes": 458,
+    "public names": 1112,
     "private words": 53,
     "type: ignore": 4,
-    "words on pages": 29966,
+    "words on pages": 29964,
 }
 """What there may be of each. A number only goes down: a change that needs fewer lowers it."""
 

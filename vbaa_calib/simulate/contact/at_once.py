@@ -32,7 +32,7 @@ from vbaa_calib.core.errors import SolveError
 from vbaa_calib.native import core
 from vbaa_calib.simulate.scene.objects import TouchObject
 
-from .stick_slip import STROKE, Bases, Held, Setting, SlidContacts, tangent_axes
+from .stick_slip import STROKE, Bases, Held, Setting, tangent_axes
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +74,8 @@ class _FrictionlessProblem:
     normal: np.ndarray
 
 
-def touch_at_once(setting: Setting, bases: Bases) -> SlidContacts:
-    """The frictionless contacts of one stroke of B frames.
+def touch_at_once(setting: Setting, bases: Bases) -> tuple[np.ndarray, Held]:
+    """The mask (B,) of the frames of one stroke that touch, and their frictionless contacts.
 
     Raises SolveError naming the first frame in which a real antenna could not be in equilibrium.
     """
@@ -95,7 +95,7 @@ def touch_at_once(setting: Setting, bases: Bases) -> SlidContacts:
         0.0,
     )
     gripped.normal[at] = np.einsum("bij,bj->bi", bases.rotation[at], normal[firm])
-    return SlidContacts(touches, np.zeros_like(touches), gripped)
+    return touches, gripped
 
 
 def _problem(setting: Setting, bases: Bases) -> _FrictionlessProblem:

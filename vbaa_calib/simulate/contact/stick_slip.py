@@ -134,19 +134,6 @@ class Held(Rows):
         return Held(*(np.full(count if each.name in short else (count, 3), np.nan) for each in fields(Held)))
 
 
-@dataclass(frozen=True, eq=False)
-class SlidContacts:
-    """Contacts of one stroke of B frames: masks (B,) of the frames that touch and of those that stick; the contacts
-    are meaningless where there is none.
-
-    A contact sticks if it has slid by less than `STROKE.sticks_m` since the frame before, in which it touched too.
-    """
-
-    touches: np.ndarray
-    sticks: np.ndarray
-    held: Held
-
-
 def tangent_axes(normal: np.ndarray) -> np.ndarray:
     """(B, 2, 3) two orthogonal unit vectors across each normal."""
     least = np.eye(3)[np.argmin(np.abs(normal), axis=1)]

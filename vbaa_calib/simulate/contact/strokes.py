@@ -16,14 +16,18 @@ from vbaa_calib.core.errors import SolveError
 from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.scene.objects import WEDGES
 
-from .stick_slip import STROKE, Bases, Held, Setting, SlidContacts, advance
+from .stick_slip import STROKE, Bases, Held, Setting, advance
 
 _Place = tuple[Bases, np.ndarray]
 """Bases, and the free antenna's nodes (B, N, 3) in their frames."""
 
 
-def follow(setting: Setting, strokes: Sequence[Bases]) -> list[SlidContacts]:
+def follow(setting: Setting, strokes: Sequence[Bases]) -> list[tuple[np.ndarray, np.ndarray, Held]]:
     """The contacts of all strokes of one recording; each stroke is its bases (at least one) in order of time.
+
+    Returns for each stroke masks (B,) of its frames that touch and of those that stick, and the contacts, meaningless
+    where there is none. A contact sticks if it has slid by less than `STROKE.sticks_m` since the frame before, in which
+    it touched too.
 
     A stroke that begins in contact is first pressed on along the object's normal, without friction.
 
@@ -44,10 +48,10 @@ def follow(setting: Setting, strokes: Sequence[Bases]) -> list[SlidContacts]:
         sticks.append(before & walk.touches & (slid_m < STROKE.sticks_m) & (friction > 0.0))
         gripped.append(replace(walk.contacts, slipped_m=way))
 
-    def of(stroke: int, frames: int) -> SlidContacts:
+    def of(stroke: int, frames: int) -> tuple[np.ndarray, np.ndarray, Held]:
         columns = ([getattr(at, each.name)[stroke] for at in gripped[:frames]] for each in fields(Held))
         touching, sticking = (np.array(each)[:frames, stroke] for each in (touches, sticks))
-        return SlidContacts(touching, sticking, Held(*map(np.array, columns)))
+        return touching, sticking, Held(*map(np.array, columns))
 
     return [of(stroke, len(bases.origin_m)) for stroke, bases in enumerate(strokes)]
 

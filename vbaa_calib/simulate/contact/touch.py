@@ -21,7 +21,7 @@ from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.scene.objects import TouchObject
 
 from .at_once import touch_at_once
-from .stick_slip import Bases, Setting, SlidContacts
+from .stick_slip import Bases, Held, Setting
 from .strokes import follow
 
 
@@ -85,26 +85,28 @@ def touch_strokes(
     setting = Setting(rod, antenna_radius_m, obj, np.asarray(gravity_world_m_s2, float))
     bases = [Bases.of(poses) for poses in strokes]
     if obj.friction == 0.0 and obj.shape in ("cylinder", "sphere", "knife_edge"):
-        return [_touch(setting, at, touch_at_once(setting, at)) for at in bases]
-    followed = zip(bases, follow(setting, bases), strict=True)
-    return [replace(_touch(setting, at, found), slip_world_m=found.held.slipped_m) for at, found in followed]
+        return [_touch(setting, at, *touch_at_once(setting, at)) for at in bases]
+    return [
+        replace(_touch(setting, at, touching, contacts), sticks=sticks, slip_world_m=contacts.slipped_m)
+        for at, (touching, sticks, contacts) in zip(bases, follow(setting, bases), strict=True)
+    ]
 
 
-def _touch(setting: Setting, bases: Bases, contacts: SlidContacts) -> Touch:
-    """The antenna's shapes under the contacts' forces. Raises SolveError for impossible contacts."""
+def _touch(setting: Setting, bases: Bases, touching: np.ndarray, contacts: Held) -> Touch:
+    """The antenna's shapes under the forces of contacts that slide. touching : (B,) mask of those that exist. Raises
+    SolveError for impossible contacts."""
     rod, obj = setting.rod, setting.object
-    touching, gripped = contacts.touches, contacts.held
     lost = ~touching[:, None]
-    normal = np.where(lost, np.nan, gripped.normal)
-    force_world = np.where(lost, 0.0, gripped.press_N[:, None] * gripped.normal + gripped.grip_N)
+    normal = np.where(lost, np.nan, contacts.normal)
+    force_world = np.where(lost, 0.0, contacts.press_N[:, None] * contacts.normal + contacts.grip_N)
     force = np.einsum("bji,bj->bi", bases.rotation, force_world)
-    where = np.where(touching, gripped.arclength_m, rod.length_m / 2)
+    where = np.where(touching, contacts.arclength_m, rod.length_m / 2)
     radius = setting.radius_at(where)
     shape = solve_rod(rod, setting.gravity_world_m_s2 @ bases.rotation, where, force)
     point, tangent = (values[:, 0] for values in sample_shape(shape, where[:, None]))
     point = np.where(lost, np.nan, point)
-    in_world, indentation = bases.world(point), gripped.press_N / obj.stiffness_N_m
-    contact = np.where(touching, gripped.arclength_m, np.nan)
+    in_world, indentation = bases.world(point), contacts.press_N / obj.stiffness_N_m
+    contact = np.where(touching, contacts.arclength_m, np.nan)
     slip = _slips(in_world, contact, np.einsum("bij,bj->bi", bases.rotation, tangent), normal)
     # of the surface, next to where it touches
     deepest = (obj.signed_distance(bases.world(shape.points_m))[0] - setting.radius_at(shape.arclength_m)).min(axis=1)
@@ -118,7 +120,7 @@ def _touch(setting: Setting, bases: Bases, contacts: SlidContacts) -> Touch:
         if (found & touching).any():
             raise SolveError(f"frame {np.flatnonzero(found & touching)[0]}: {reason}")
     touched = in_world - (radius - indentation)[:, None] * normal
-    return Touch(touching, contact, force, point, touched, normal, contacts.sticks, slip, shape)
+    return Touch(touching, contact, force, point, touched, normal, np.zeros_like(touching), slip, shape)
 
 
 def _slips(points: np.ndarray, arclength: np.ndarray, tangents: np.ndarray, normal: np.ndarray) -> np.ndarray:
