@@ -30,21 +30,6 @@ from vbaa_calib.session import READINGS
 
 from .messages import MESSAGES, Messages, MessageSource, Reading, Taken
 
-
-@dataclass(frozen=True)
-class _BagSettings:
-    """Limits of what is read from a bag, and tolerances of its agreement with the rig."""
-
-    piece_bytes: int = 50_000_000  # that one chunk may unpack to, and
-    piece_factor: int = 10  # in addition, times its packed size: copied four times, this stays within a child's memory
-    focal_share: float = 0.01  # relative difference of the focal length from which a camera is not the rig's
-    straight_px: float = 3.0  # bend of a straight line, somewhere in the picture, below which it is rectified
-    patience: int = 30  # unreadable pictures or joints, and no readable one before, that end the reading
-
-
-_BAG = _BagSettings()
-
-
 _REMEDY = "record it with chunks of some megabytes, as rosbag2 does"
 
 
@@ -105,7 +90,7 @@ def _rosbags() -> Any:
 
 def _bounded(opened: Callable[[BytesIO], Any]) -> Callable[..., bytes]:
     def unpacked(data: bytes, *_: int) -> bytes:
-        most = _BAG.piece_bytes + _BAG.piece_factor * len(data)
+        most = MESSAGES.piece_bytes + MESSAGES.piece_factor * len(data)
         with opened(BytesIO(data)) as stream:
             raw: bytes = stream.read(most + 1)
         if len(raw) > most:
@@ -121,7 +106,7 @@ def _refuse_bombs(reader: Any, path: Path) -> None:
     whole = [one.storage for one in reader.readers if hasattr(one, "storage")]  # a file, or a folder of several
     for storage in (each for one in whole for each in getattr(one, "storages", [one])):
         size = storage.path.stat().st_size
-        most = _BAG.piece_bytes + _BAG.piece_factor * size
+        most = MESSAGES.piece_bytes + MESSAGES.piece_factor * size
         chunks = getattr(storage, "chunks", ())
         opens = [(chunk.message_start_time, -chunk.uncompressed_size) for chunk in chunks]
         closes = [(chunk.message_end_time, chunk.uncompressed_size) for chunk in chunks]
@@ -302,7 +287,7 @@ def open_bag(
                     broken[topic] += 1
                     if broken[topic] == 1:
                         notes.append(f"{topic} holds messages that cannot be read ({clipped(str(error))})")
-                    if broken[topic] == _BAG.patience and wanted[topic] in ("image", "joints") and not good[topic]:
+                    if broken[topic] == MESSAGES.patience and wanted[topic] in ("image", "joints") and not good[topic]:
                         raise _unreadable(topic, wanted[topic], error, path) from None
                     last[topic] = error
                     continue
@@ -379,7 +364,7 @@ def _refuse_two_clocks(lags: Mapping[str, Sequence[float]], offset_s: float, pat
 def _refuse_rectified(topic: str, camera: Camera, path: Path) -> None:
     """Raises InputError for a topic of rectified pictures where the rig's lens has distortion."""
     bends_px = _bend_px(camera)
-    if says_rectified(topic) and bends_px > _BAG.straight_px:
+    if says_rectified(topic) and bends_px > MESSAGES.straight_px:
         what = f"{topic} is of rectified pictures, the rig's lens that of raw ones: it bends by up to {bends_px:.0f} px"
         raise InputError(what, where=path, remedy=_raw_remedy("the name misleads"))
 
@@ -614,11 +599,11 @@ def _check_camera(message: Any, topic: str, camera: Camera, path: Path) -> None:
         k_bends_px = _bend_px(Camera("fisheye" if fisheye else "opencv", size, k.reshape(3, 3), d)) if d.any() else 0.0
     both = f"CameraInfo's K, fx {raw:.1f} px and bent by up to {k_bends_px:.0f} px, is of raw pictures (image_raw), "
     both += f"its P, fx {rectified:.1f} px, of rectified ones (image_rect)"
-    unlike = abs(own / (rectified if says_rectified(topic) else raw) - 1.0) > _BAG.focal_share
-    if d.size and not d.any() and bends_px > _BAG.straight_px:
+    unlike = abs(own / (rectified if says_rectified(topic) else raw) - 1.0) > MESSAGES.focal_share
+    if d.size and not d.any() and bends_px > MESSAGES.straight_px:
         what = f"CameraInfo says no distortion, as of rectified pictures; the rig's lens bends by {bends_px:.0f} px"
         raise InputError(what, where=path, remedy=_raw_remedy("CameraInfo is wrong"))
-    if not says_rectified(topic) and k_bends_px > bends_px + _BAG.straight_px and bends_px < _BAG.straight_px:
+    if not says_rectified(topic) and k_bends_px > bends_px + MESSAGES.straight_px and bends_px < MESSAGES.straight_px:
         what = f"{both}; the rig's lens, fx {own:.1f} px, is straight, and {topic} does not say that it is rectified"
         raise InputError(what, where=path, remedy="give --topic camera=none if it is, else calibrate from raw ones")
     if unlike:

@@ -8,7 +8,7 @@ import struct
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from time import perf_counter
 
 from vbaa_calib.core.errors import InputError, clipped
@@ -16,21 +16,6 @@ from vbaa_calib.sources.files import SourceLost
 from vbaa_calib.sources.live import LiveSource
 
 from .messages import MESSAGES, Messages, MessageSource, Reading, Taken, line_messages, now_s
-
-
-@dataclass(frozen=True)
-class _DeviceSettings:
-    """Timeouts of cameras and sockets."""
-
-    queued: int = 3  # pictures of a camera that may wait: one slow estimate costs none, if those after it are faster
-    # waits before a camera that broke off is opened again: a minute, as for a plug
-    retries_s: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, *[8.0] * 7)
-    longest_wait_s: float = 60.0  # that a datagram may have waited
-    most_notes: int = 16  # on datagrams that cannot be read
-
-
-DEVICES = _DeviceSettings()
-
 
 _TIMESTAMP = 35 if sys.platform == "linux" else None
 """SO_TIMESTAMPNS: the system notes when a datagram came, which is before it is asked for. Not named by `socket`."""
@@ -72,7 +57,7 @@ def _datagrams(listening: socket.socket, notes: list[str], key: bytes | None = N
     number, noted = -1, set[tuple[str, bool]]()
 
     def note(sender: str, taken: bool, words: str) -> None:
-        if len(noted) < DEVICES.most_notes and (sender, taken) not in noted:
+        if len(noted) < MESSAGES.most_notes and (sender, taken) not in noted:
             noted.add((sender, taken))
             notes.append(words)
 
@@ -120,7 +105,7 @@ def _arrived_s(ancillary: list[tuple[int, int, bytes]]) -> float:
             seconds, nanoseconds = _TIMESPEC.unpack(data)
             # from the system's clock, which is slewed; a pause between the two readings would make the difference less
             arrived_s = seconds + 1e-9 * nanoseconds + max(now_s() - time.time() for _ in range(5))
-            return arrived_s if latest_s - DEVICES.longest_wait_s < arrived_s <= latest_s else latest_s
+            return arrived_s if latest_s - MESSAGES.longest_wait_s < arrived_s <= latest_s else latest_s
     return latest_s
 
 
@@ -143,7 +128,7 @@ def with_datagrams(source: MessageSource, listening: socket.socket | None, key: 
 def open_device(camera: LiveSource) -> MessageSource:
     """The latest pictures of a running camera, with arrival times by this machine's clock."""
     notes: list[str] = []
-    camera.queued, camera.retries_s = DEVICES.queued, DEVICES.retries_s
+    camera.queued, camera.retries_s = MESSAGES.queued, MESSAGES.retries_s
     start_s = now_s() - time.monotonic() + camera.start_s
     begin_s = perf_counter() - time.monotonic() + camera.start_s
 

@@ -25,7 +25,7 @@ from vbaa_calib.session import SILENT
 
 @dataclass(frozen=True)
 class _MessageSettings:
-    """Plausible times of a stream's messages, and limits of their number."""
+    """Plausible times of a stream's messages, limits of their number, and timeouts; what a bag may be like."""
 
     tick_s: float = 0.02  # between two reports of a source that it has nothing new
     one_clock_s: float = 10.0  # stamps further apart than their messages were logged are of two clocks
@@ -33,6 +33,18 @@ class _MessageSettings:
     readings: int = 4096  # of one channel that are kept: four seconds at a thousand a second
     pictures: int = 100  # of recorded cameras that wait for those of another one, at most
     instant_s: float = 1e-3  # to which videos round their times: such a gap to the nearest reading is none
+    # cameras and sockets
+    queued: int = 3  # pictures of a camera that may wait: one slow estimate costs none, if those after it are faster
+    # waits before a camera that broke off is opened again: a minute, as for a plug
+    retries_s: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, *[8.0] * 7)
+    longest_wait_s: float = 60.0  # that a datagram may have waited
+    most_notes: int = 16  # on datagrams that cannot be read
+    # bags, and their agreement with the rig
+    piece_bytes: int = 50_000_000  # that one chunk may unpack to, and
+    piece_factor: int = 10  # in addition, times its packed size: copied four times, this stays within a child's memory
+    focal_share: float = 0.01  # relative difference of the focal length from which a camera is not the rig's
+    straight_px: float = 3.0  # bend of a straight line, somewhere in the picture, below which it is rectified
+    patience: int = 30  # unreadable pictures or joints, and no readable one before, that end the reading
 
 
 MESSAGES = _MessageSettings()
