@@ -101,25 +101,9 @@ def mean_known(values: np.ndarray) -> float:
     return mean(values[np.isfinite(values)])
 
 
-def or_none(value: float | np.floating) -> float | None:
-    """The number; None for NaN or infinity."""
-    return float(value) if np.isfinite(value) else None
-
-
-def of_any(statistic: Callable[[np.ndarray], Any], values: np.ndarray) -> float | None:
-    """A statistic of values; None without any."""
-    return float(statistic(values)) if len(values) else None
-
-
-def spread(values: np.ndarray, errors: np.ndarray) -> tuple[float | None, float | None, float | None]:
-    """Mean of values, scatter and root mean square of their errors; None without any."""
-    return of_any(np.mean, values), of_any(np.std, errors), or_none(rms_known(errors))
-
-
-def mean_of(rows: Sequence[Any], name: str) -> float:
-    """Mean of one attribute over the rows that have it; NaN without any."""
-    known = [value for row in rows if (value := getattr(row, name)) is not None]
-    return float(np.mean(known)) if known else float("nan")
+def spread(values: np.ndarray, errors: np.ndarray) -> tuple[float, float, float]:
+    """Mean of values, scatter and root mean square of their errors; NaN without any."""
+    return mean(values), float(np.std(errors)) if len(errors) else np.nan, rms_known(errors)
 
 
 def shares(values: Sequence[Any] | np.ndarray) -> str:

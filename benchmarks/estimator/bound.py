@@ -212,10 +212,6 @@ class Estimates:
         """(B,) which frames came with numbers."""
         return np.isfinite(self.values).all(axis=1) & np.isfinite(self.std).all(axis=1)
 
-    def share(self, status: str) -> float:
-        """Of the frames, with that status."""
-        return float((self.status == status).mean())
-
 
 def estimate(scenes: Scenes, model: str, friction_std_rad: float) -> Estimates:
     """Every frame by the estimator, given the points' true deviation and the friction to expect."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmarks.figures import COLOURS, GREY, INK, SHADE, label, legend, panels
-from benchmarks.harness import aligned, column, mean_of, picked, rms, rms_known, table
+from benchmarks.harness import Draws, column, mean, picked, rms, rms_known, row_of, table
 from vbaa_calib.core.console import progress
 from vbaa_calib.rig import Rig
 
@@ -29,14 +29,13 @@ LARGEST_BOUND = 0.05
 """Of the contact distance."""
 FROM_TIP_STD = 6.0
 """The bound does not hold at the border l ≤ L: so many deviations the contact must be away from it."""
-_Three = tuple[float | None, float | None, float | None]
 _HARDER = 1.25 ** np.arange(26)
 """Deflections that are tried, over the least one."""
 
 
 @dataclass(frozen=True)
 class CellRow:
-    """One quantity in one cell. Shares and statistics are None in a cell that was not run, which `left_out` explains.
+    """One quantity in one cell. Shares and statistics are NaN in a cell that was not run, which `left_out` explains.
 
     tilt_deg, azimuth_deg : of the camera, see `setup.Setup`. reach : contact distance over length.
     bound_l : the distance's bound over the distance. of_bound, bias, covered : see `statistics.Quality`.
@@ -51,13 +50,13 @@ class CellRow:
     bound_l: float
     left_out: str
     draws: int
-    ok: float | None
-    tip_contact: float | None
-    without_numbers: float | None
+    ok: float
+    tip_contact: float
+    without_numbers: float
     quantity: str
-    of_bound: float | None
-    bias: float | None
-    covered: float | None
+    of_bound: float
+    bias: float
+    covered: float
 
     @property
     def cell(self) -> str:
@@ -141,18 +140,16 @@ def planned(rig: Rig) -> Plan:
 
 def _rows(setup: Setup, plan: Plan, index: int, frames: Scenes, found: Estimates) -> Iterator[CellRow]:
     """One cell's rows, from its own frames; without frames it was left out."""
-    good, run = found.numbered, len(frames) > 0
+    good = found.numbered
     errors = (found.values - truth(frames))[good]
     tilt, azimuth = (round(float(np.degrees(angle)), 6) for angle in (setup.tilt_rad, setup.azimuth_rad))
     reach, bounds = float(plan.reach[index]), plan.bound_std[index]
-    nothing: _Three = None, None, None
-    shares: _Three = (found.share("ok"), found.share("tip_contact"), float(1.0 - good.mean())) if run else nothing
+    shares = mean(found.status == "ok"), mean(found.status == "tip_contact"), 1.0 - mean(good)
     cell = setup.lens, tilt, azimuth, float(plan.roll_deg[index]), reach, float(plan.deflection_m[index])
     bound_l = float(bounds[0] / (reach * frames.rig.antenna.length_m))
     for which, quantity in enumerate(QUANTITIES):
-        numbers = quality(errors[:, which], found.std[good, which], float(bounds[which]))
-        judged: _Three = (numbers.of_bound, numbers.bias, numbers.covered) if run else nothing
-        yield CellRow(*cell, bound_l, plan.left_out[index], len(frames), *shares, quantity, *judged)
+        judged = vars(quality(errors[:, which], found.std[good, which], float(bounds[which])))
+        yield CellRow(*cell, bound_l, plan.left_out[index], len(frames), *shares, quantity, **judged)
 
 
 _OF_BOUND_GOAL = 1.05
@@ -198,7 +195,7 @@ def summary(rows: Sequence[CellRow]) -> list[SummaryRow]:
 
 def _line(measure: str, quantity: str, rows: Sequence[CellRow]) -> SummaryRow:
     values = np.array([getattr(row, measure) for row in rows], float)
-    counts = np.array([row.draws * (1.0 - (row.without_numbers or 0.0)) for row in rows])
+    counts = np.array([row.draws * (1.0 - row.without_numbers) for row in rows])
     errors = np.array([getattr(standard_errors(max(count, 1.0)), measure) for count in counts])
     (low, high), there = _GOALS[measure], np.isfinite(values)
     beyond = np.where(there, np.maximum(low - values, values - high), np.inf)
@@ -220,6 +217,19 @@ def _line(measure: str, quantity: str, rows: Sequence[CellRow]) -> SummaryRow:
     )
 
 
+@dataclass(frozen=True)
+class _RigRow:
+    """The cells of one rig."""
+
+    lens: str = column("lens")
+    tilt_deg: float = column("tilt", ".0f")
+    cells: int = column("cells", "d", of=len)
+    ok: float = column("ok %", ".2f", 100, lambda cells: mean(cells.ok))
+    tip_contact: float = column("tip %", ".2f", 100, lambda cells: mean(cells.tip_contact))
+    without_numbers: float = column("without %", ".2f", 100, lambda cells: mean(cells.without_numbers))
+    of_bound: float = column("l of bound", ".3f", of=lambda cells: rms_known(cells.of_bound))
+
+
 def grid_text(rows: Sequence[CellRow], lines: Sequence[SummaryRow]) -> str:
     """The summary, the statuses rig by rig, and the cells left out."""
     cells = [row for row in rows if row.quantity == "l"]
@@ -229,20 +239,16 @@ def grid_text(rows: Sequence[CellRow], lines: Sequence[SummaryRow]) -> str:
         "error over the Cramér–Rao bound; bias: mean error in sampled\ndeviations; covered: 95 % intervals that hold "
         f"the truth; clearly: cells beyond the goal by more than {_CLEARLY} standard errors"
     )
-    rigs = [["lens", "tilt", "cells", "ok %", "tip %", "without %", "l of bound"]]
-    for lens, tilt in dict.fromkeys((row.lens, row.tilt_deg) for row in run):
-        own = [row for row in run if (row.lens, row.tilt_deg) == (lens, tilt)]
-        percent = [100 * mean_of(own, name) for name in ("ok", "tip_contact", "without_numbers")]
-        ratio = rms_known(np.array([row.of_bound for row in own], float))
-        rigs.append([lens, f"{tilt:.0f}", str(len(own)), *(f"{share:.2f}" for share in percent), f"{ratio:.3f}"])
+    keys = dict.fromkeys((row.lens, row.tilt_deg) for row in run)
+    rigs = [row_of(_RigRow, Draws([row for row in run if (row.lens, row.tilt_deg) == key]), *key) for key in keys]
     left_out = [f"{row.cell}: {row.left_out}" for row in cells if row.left_out]
-    text = [table(lines, title) if lines else title, "", aligned(rigs, [True] + [False] * 6)]
+    text = [table(lines, title) if lines else title, "", table(rigs)]
     return "\n".join([*text, *(["", "left out:", *left_out] if left_out else [])])
 
 
 def figure(rows: Sequence[CellRow]) -> Figure:
     """Error over bound of l and of f_y in every cell: lenses side by side, tilts by colour, rolls by mark."""
-    run = [row for row in rows if row.of_bound is not None]
+    run = [row for row in rows if np.isfinite(row.of_bound)]
     lenses, tilts, rolls, reaches = (
         list(dict.fromkeys(getattr(row, name) for row in run)) for name in ("lens", "tilt_deg", "roll_deg", "reach")
     )
@@ -254,7 +260,7 @@ def figure(rows: Sequence[CellRow]) -> Figure:
         panel.axhline(1.0, color=GREY, lw=0.8)
         for row in (row for row in run if (row.lens, row.quantity) == (lens, quantity)):
             tilt, roll = tilts.index(row.tilt_deg), rolls.index(row.roll_deg)
-            x, y = reaches.index(row.reach) + 0.06 * (tilt - 1.5) + 0.26 * (roll - 1), row.of_bound or np.nan
+            x, y = reaches.index(row.reach) + 0.06 * (tilt - 1.5) + 0.26 * (roll - 1), row.of_bound
             error = 2 * y * standard_errors(row.draws).of_bound
             panel.errorbar([x], [y], yerr=[error], fmt="os^Dvx"[roll], color=COLOURS[tilt], markersize=3.5, lw=0.8)
         panel.set_xticks(range(len(reaches)), [f"{reach:g}" for reach in reaches])

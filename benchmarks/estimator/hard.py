@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.harness import column, of_any, or_none, rms, shares, table
+from benchmarks.harness import column, rms, shares, table
 from estimator.contact.contacts import Contacts
 from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import InputError
@@ -164,12 +164,12 @@ class HardRow:
     frames: int = column("frames", "d")
     numbered: float = column("numbers %", ".1f", 100)
     statuses: str = column("statuses")
-    l_rms_std: float | None = column("l rms", ".2f", default=None)
-    l_max_std: float | None = column("l max", ".2f", default=None)
-    l_rms_mm: float | None = column("l mm", ".2f", default=None)
-    f_rms_std: float | None = column("force rms", ".2f", default=None)
-    f_max_std: float | None = column("max", ".2f", default=None)
-    condition: float | None = column("condition", ".1e", default=None)
+    l_rms_std: float = column("l rms", ".2f", default=np.nan)
+    l_max_std: float = column("l max", ".2f", default=np.nan)
+    l_rms_mm: float = column("l mm", ".2f", default=np.nan)
+    f_rms_std: float = column("force rms", ".2f", default=np.nan)
+    f_max_std: float = column("max", ".2f", default=np.nan)
+    condition: float = column("condition", ".1e", default=np.nan)
     exception: str = column("exception", default="")
 
 
@@ -193,10 +193,13 @@ def _judged(name: str, hard: Hard) -> HardRow:
         len(frames),
         float(numbered.mean()),
         shares(found.status),
-        *(or_none(rms(off_l)), of_any(np.max, np.abs(off_l)), or_none(rms(miss_mm))),
-        *(or_none(rms(off_f)), of_any(np.max, np.abs(off_f))),
-        of_any(np.median, condition[np.isfinite(condition)]),
+        *(rms(off_l), _of_any(np.max, np.abs(off_l)), rms(miss_mm), rms(off_f), _of_any(np.max, np.abs(off_f))),
+        _of_any(np.median, condition[np.isfinite(condition)]),
     )
+
+
+def _of_any(statistic: Callable[[np.ndarray], Any], values: np.ndarray) -> float:
+    return float(statistic(values)) if len(values) else np.nan
 
 
 def estimated(hard: Hard, model: str = "auto") -> Contacts:
@@ -244,7 +247,7 @@ class HostileRow:
     imagined: int = 0
     statuses: str = ""
     worst: str = ""
-    worst_std: float | None = None
+    worst_std: float = np.nan
     failure: str = ""
 
 
@@ -285,7 +288,7 @@ def judged_at_random(seed: int, chunk: int, frames: int) -> HostileRow:
         imagined=int((claimed & ~drawn.touched).sum()),
         statuses=shares(found.status),
         worst=f"{('l', 'f_y', 'f_z')[quantity]} of frame {index}" if judged.any() else "",
-        worst_std=float(ranked[index, quantity]) if judged.any() else None,
+        worst_std=float(ranked[index, quantity]) if judged.any() else np.nan,
     )
 
 
@@ -381,7 +384,7 @@ def hostile_text(rows: Sequence[HostileRow]) -> str:
         f"NaN in what is claimed, {total['claimed']} ok or tip_contact, of which {total['beyond']} beyond 6 deviations "
         f"({1e5 * total['beyond'] / max(total['claimed'], 1):.1f} in 100,000) and {total['imagined']} of a free antenna"
     ]
-    worst = sorted((row for row in rows if row.worst_std is not None), key=lambda row: -(row.worst_std or 0.0))
+    worst = sorted((row for row in rows if np.isfinite(row.worst_std)), key=lambda row: -row.worst_std)
     listed = [(f"{row.worst_std:.1f} deviations in {row.worst}", row) for row in worst[:10]]
     listed += [(row.failure, row) for row in rows if row.failure]
     lines += [f"    {what}: replay(seed={r.seed}, chunk={r.chunk}, frames={r.frames})" for what, r in listed]

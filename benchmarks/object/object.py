@@ -11,7 +11,7 @@ from scipy.stats import chi2, norm
 
 from benchmarks.estimator.setup import drawn_truth
 from benchmarks.figures import AMBER, GREEN, INK, RED, VIOLET, label, legend, panels
-from benchmarks.harness import Draws, Findings, Options, column, mean_of, or_none, rms_known, row_of, table
+from benchmarks.harness import Draws, Findings, Options, column, mean, rms_known, row_of, table
 from benchmarks.object.scenes import CASES, RIGID, SETUP, SOFT, SOFTER, Case, Recorded, contacts, played
 from estimator.object.estimate import ObjectEstimate, estimate_object
 from estimator.table.contacts import FRICTION_RAD
@@ -146,16 +146,21 @@ class Cell:
     slippery: bool = False
 
 
-def _stiffness_error(draws: Draws) -> float | None:
+def _finite(value: float) -> float:
+    """The stiffness; NaN of a rigid object."""
+    return value if np.isfinite(value) else np.nan
+
+
+def _stiffness_error(draws: Draws) -> float:
     true = draws.true_stiffness_N_m[0]
-    return or_none(rms_known(draws.stiffness_N_m / true - 1.0)) if np.isfinite(true) else None
+    return rms_known(draws.stiffness_N_m / true - 1.0) if np.isfinite(true) else np.nan
 
 
 @dataclass(frozen=True)
 class ObjectRow:
-    """One cell, over its draws; None where a number does not exist. Errors are root mean squares.
+    """One cell, over its draws; NaN where a number does not exist. Errors are root mean squares.
 
-    stiffness_N_m : None for a rigid object. contacts : touches of a draw. surface_mm : of the drawn surface's vertices.
+    stiffness_N_m : NaN for a rigid object. contacts : touches of a draw. surface_mm : of the drawn surface's vertices.
     point_mm : of the contact points along the normal, whose own deviations are point_std_mm.
     normal_deg, force_deg : angle of the estimated normals and of the forces to the true normal.
     mu_error, stiffness_error (relative) : over the draws in which they are told. *_told : share of these draws.
@@ -163,7 +168,7 @@ class ObjectRow:
     """
 
     object: str = column("object")
-    stiffness_N_m: float | None = column("k N/m", ".0f")
+    stiffness_N_m: float = column("k N/m", ".0f")
     friction: float = column("μ", ".1f")
     rig: str = column("rig")
     draws: int = column(of=len)
@@ -176,10 +181,10 @@ class ObjectRow:
     normal_deg: float = column("normal °", ".2f", of=lambda d: float(np.degrees(rms_known(d.normal_rad))))
     normal_covered: float = column("cov", ".2f", of=lambda d: float(d.normal_inside.mean()))
     force_deg: float = column("force °", ".2f", of=lambda d: float(np.degrees(rms_known(d.force_rad))))
-    mu_error: float | None = column("μ error", ".4f", of=lambda d: or_none(rms_known(d.mu - d.true_mu)))
+    mu_error: float = column("μ error", ".4f", of=lambda d: rms_known(d.mu - d.true_mu))
     mu_told: float = column("told", ".2f", of=lambda d: float(d.mu_told.mean()))
     mu_covered: float = column("cov", ".2f", of=lambda d: float(d.mu_inside.mean()))
-    stiffness_error: float | None = column("k error %", ".1f", 100, of=_stiffness_error)
+    stiffness_error: float = column("k error %", ".1f", 100, of=_stiffness_error)
     stiffness_told: float = column("told", ".2f", of=lambda d: float(d.stiffness_told.mean()))
     stiffness_covered: float = column("cov", ".2f", of=lambda d: float(d.stiffness_inside.mean()))
 
@@ -193,9 +198,9 @@ class ObjectRow:
             "surface": surface,
             "normals": self.normal_deg > np.degrees(_NORMAL_GOAL_RAD),
             "force": self.rig.endswith("slippery") and self.force_deg > np.degrees(_FORCE_GOAL_RAD),
-            "friction": self.mu_error is None or self.mu_error > _MU_GOAL,
-            "stiffness": self.stiffness_N_m is not None
-            and (self.stiffness_error is None or self.stiffness_told < 1.0 or self.stiffness_error > _STIFFNESS_GOAL),
+            "friction": not self.mu_error <= _MU_GOAL,
+            "stiffness": np.isfinite(self.stiffness_N_m)
+            and not (self.stiffness_error <= _STIFFNESS_GOAL and self.stiffness_told == 1.0),
         }
         return tuple(name for name, missed in found.items() if missed)
 
@@ -231,7 +236,7 @@ def run(draws: int, seed: int, chosen: Sequence[Cell] | None = None) -> list[Obj
             given = recorded.true if cell.exact else drawn_truth(replace(SETUP, exact=False).rig(), rng)
             judged.append(judge(recorded.noisy(rng, given), 0.0 if cell.slippery else FRICTION_RAD))
         rig = ("exact" if cell.exact else "off") + (", slippery" if cell.slippery else "")
-        what = cell.case.name, or_none(cell.stiffness_N_m), cell.friction, rig
+        what = cell.case.name, _finite(cell.stiffness_N_m), cell.friction, rig
         rows.append(row_of(ObjectRow, Draws(judged), *what))
     return rows
 
@@ -249,7 +254,9 @@ def _as_text(rows: Sequence[ObjectRow], draws: int) -> str:
     for rig in ("exact", "off"):
         some = [row for row in rows if row.rig.startswith(rig)]
         if some:
-            covered = ", ".join(f"{name} {mean_of(some, f'{field}_covered'):.2f}" for name, field in _REGIONS.items())
+            covered = ", ".join(
+                f"{name} {mean(getattr(Draws(some), f'{field}_covered')):.2f}" for name, field in _REGIONS.items()
+            )
             met = sum(not row.misses for row in some)
             lines.append(
                 f"rig {rig}: {met} of {len(some)} cells miss nothing; 95 % regions that hold the truth: {covered}"
@@ -272,9 +279,9 @@ def _figure(rows: Sequence[ObjectRow]) -> Figure:
         ("stiffness_N_m", "stiffness_error", 100.0, "stiffness, N/m", "its rms error, %", 100 * _STIFFNESS_GOAL),
     )
     for panel, (across, up, scale, x, y, goal) in zip(every, shown, strict=True):
-        for row in (row for row in rows if getattr(row, up) is not None):
+        for row in rows:
             colour = _STYLES[row.object][0] if row.object in _STYLES else INK
-            mark = "o" if row.stiffness_N_m is None else "s"
+            mark = "s" if np.isfinite(row.stiffness_N_m) else "o"
             face = colour if row.rig.startswith("exact") else "none"
             at = getattr(row, across), max(scale * getattr(row, up), 1e-6)
             panel.plot(*at, mark, color=colour, markerfacecolor=face)

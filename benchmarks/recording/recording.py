@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks.estimator.setup import drawn_truth
 from benchmarks.figures import GREEN, GREY, INK, label, panels
-from benchmarks.harness import Draws, Findings, Options, column, or_none, picked, rms, row_of, table, timed
+from benchmarks.harness import Draws, Findings, Options, column, picked, rms, row_of, table, timed
 from benchmarks.object.scenes import AXIS, CENTRE, PIN_M, RIGID, SETUP, SOFT, Recorded, contacts, played
 from estimator.object.estimate import estimate_object
 from estimator.recording import refine
@@ -104,7 +104,7 @@ class RecordingRow:
     """
 
     object: str = column("object")
-    stiffness_N_m: float | None = column("k N/m", ".0f")
+    stiffness_N_m: float = column("k N/m", ".0f")
     friction: float = column("μ", ".1f")
     recorded: int = column("frames", "d")
     draws: int = column("draws", "d", of=len)
@@ -233,7 +233,8 @@ def run(draws: int, seed: int, cells: Sequence[Cell] = CELLS) -> list[RecordingR
         for index in range(draws):
             rng = np.random.default_rng((seed, number, index))
             judged.append(judge(recorded.noisy(rng, drawn_truth(replace(SETUP, exact=False).rig(), rng))))
-        what = cell.case, or_none(cell.stiffness_N_m), cell.friction, cell.frames
+        stiffness = cell.stiffness_N_m if np.isfinite(cell.stiffness_N_m) else np.nan
+        what = cell.case, stiffness, cell.friction, cell.frames
         rows.append(row_of(RecordingRow, Draws(judged), *what))
     return rows
 

@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks import boards
 from benchmarks.calibration import AUTO, PEERS, methods
 from benchmarks.estimator.baselines import one_contact
-from benchmarks.harness import Findings, Options, column, or_none, processor_seconds, table
+from benchmarks.harness import Findings, Options, column, processor_seconds, table
 from benchmarks.peers import versions
 from estimator.table.contacts import FRICTION_RAD
 from targets.board import BoardSpec, opencv_board
@@ -101,7 +101,7 @@ class WaitRow:
 
 def row(work: str, ms: float, beside: str = "", other_ms: float | None = None, **more: Any) -> WaitRow:
     """With the ratio of both times, and the bar that is known for the work, or for the other program."""
-    other = None if other_ms is None else or_none(other_ms)
+    other = other_ms if other_ms is not None and np.isfinite(other_ms) else None
     bar = OTHERS.get(beside) or (None if beside in _NO_BAR else BARS.get(work))
     found = WaitRow(work, ms, beside, other, None if other is None else other / ms, bar, **more)
     say(f"{work}: {ms:,.2f} ms, {beside or 'alone'} {other or np.nan:,.2f}")
