@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
@@ -32,7 +32,6 @@ from benchmarks.boards import (
     rigs,
     seen_on_plane,
 )
-from benchmarks.figures import AMBER, GREEN, INK, RED, VIOLET, label, label_x, legend, panels
 from benchmarks.harness import Draws, Findings, Options, column, mean_known, rms_known, row_of, table
 from benchmarks.peers import INTERPRETERS, answers, interpreter_of, versions
 from targets.board import BoardSpec, corner_points
@@ -43,9 +42,6 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import VbaaError
 from vbaa_calib.geometry import Pose
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Rng = np.random.Generator
 Size = tuple[int, int]
@@ -477,53 +473,18 @@ _TITLE = (
     "truth; lost: good corners withheld; caught: outliers withheld; views: withheld; trust: verdicts; wrong: of all\n"
     "draws, trusted and over twice the 95 % bound; s: of one processor"
 )
-STYLES = {
-    ORACLE: (INK, "*"),
-    AUTO: (GREEN, "s"),
-    "ours, lens given": ("#14b8a6", "s"),
-    "OpenCV": (AMBER, "o"),
-    "mrcal": (VIOLET, "^"),
-    "lensboy": (RED, "D"),
-}
-"""Method → its colour and mark."""
-_WORST_RATIO = 100.0
-
-
-def _figure(rows: Sequence[Row], draws: int) -> Figure:
-    """A line for each cell, errors over the oracle's to the right: a mark at the median, a thin line to the worst."""
-    names = list(dict.fromkeys(row.cell for row in rows))
-    drawn, every = panels(2, 2, (6.0, 0.24 * len(names) + 1.2), sharey=True)
-    for panel, prefix, words in zip(every, ("", "jig_"), ("true pose of C", "pose of C solved"), strict=True):
-        for row in (row for row in rows if row.method in STYLES and row.method != ORACLE):
-            colour, mark = STYLES[row.method]
-            place = -names.index(row.cell) - 0.13 * (list(STYLES).index(row.method) - 3)
-            middle, worst = getattr(row, f"{prefix}ratio"), min(getattr(row, f"{prefix}worst_ratio"), _WORST_RATIO)
-            panel.plot([middle, worst], [place, place], "-", color=colour, lw=0.8)
-            panel.plot(middle, place, mark, color=colour, markersize=4)
-        panel.set_xscale("log")
-        panel.axvline(1.0, color=INK, lw=0.6)
-        panel.set_yticks(range(0, -len(names), -1), names)
-        label(panel, words)
-    there = {row.method for row in rows if np.isfinite(row.seconds)} - {ORACLE}
-    shown = {method: style for method, style in STYLES.items() if method in there}
-    legend(drawn, shown, title=f"median of {draws} draws, a line to the worst")
-    label_x(every, 2, "error on plane C over the oracle's")
-    return drawn
 
 
 def measure(options: Options) -> Findings:
     """Every method in every cell; a draw is one set of views. Quick: the published rigs and those drawn."""
     names = [name for place, name in enumerate(cells()) if not options.quick or place < 5 or name.startswith("drawn")]
     rows = run(options.draws, options.seed, names)
-    spans = {
-        one: [np.inf if row.ratio != row.ratio else row.ratio for row in rows if row.method == one] for one in STYLES
-    }
-    ours, opencv = (f"{np.median(each):.2f}, at most {max(each):.2f}" for each in (spans[AUTO], spans["OpenCV"]))
+    spans = (np.nan_to_num([row.ratio for row in rows if row.method == one], nan=np.inf) for one in (AUTO, "OpenCV"))
+    ours, opencv = (f"{np.median(each):.2f}, at most {each.max():.2f}" for each in spans)
     return Findings(
         table(rows, _TITLE.format(options.draws), once=1),
         {"calibration.csv": rows},
-        {"calibration.png": lambda: _figure(rows, options.draws)},
-        {"rows": rows},
-        f"error over the oracle's: ours {ours}, OpenCV {opencv}",
-        versions(tuple(PEERS)),
+        numbers={"rows": rows},
+        headline=f"error over the oracle's: ours {ours}, OpenCV {opencv}",
+        versions=versions(tuple(PEERS)),
     )

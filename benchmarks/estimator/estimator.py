@@ -36,7 +36,6 @@ def measure(options: Options) -> Findings:
     return Findings(
         "\n\n".join(texts),
         {"estimator.csv" if name == "grid" else f"estimator_{name}.csv": rows for name, rows in found.items()},
-        {"estimator_grid.png": lambda: grid.figure(cells)},
-        {**found, "lines": lines},
-        headline,
+        numbers={**found, "lines": lines},
+        headline=headline,
     )

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmarks.figures import COLOURS, GREY, INK, SHADE, label, legend, panels
 from benchmarks.harness import Draws, column, mean, picked, rms, rms_known, row_of, table
 from vbaa_calib.core.console import progress
 from vbaa_calib.rig import Rig
@@ -17,9 +15,6 @@ from vbaa_calib.rig import Rig
 from .bound import QUANTITIES, Estimates, bound, estimate, quality, standard_errors, truth
 from .scenes import STEEPEST_RAD, Scenes, push_for_deflection, push_for_slope, rolled, scenes
 from .setup import LENSES, SIGMA_PX, Setup
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _REACHES = (0.1, 0.25, 0.5, 0.75, 0.95)
 _TILTS_DEG = (0.0, 30.0, 60.0, 75.0)
@@ -244,29 +239,3 @@ def grid_text(rows: Sequence[CellRow], lines: Sequence[SummaryRow]) -> str:
     left_out = [f"{row.cell}: {row.left_out}" for row in cells if row.left_out]
     text = [table(lines, title) if lines else title, "", table(rigs)]
     return "\n".join([*text, *(["", "left out:", *left_out] if left_out else [])])
-
-
-def figure(rows: Sequence[CellRow]) -> Figure:
-    """Error over bound of l and of f_y in every cell: lenses side by side, tilts by colour, rolls by mark."""
-    run = [row for row in rows if np.isfinite(row.of_bound)]
-    lenses, tilts, rolls, reaches = (
-        list(dict.fromkeys(getattr(row, name) for row in run)) for name in ("lens", "tilt_deg", "roll_deg", "reach")
-    )
-    drawn, every = panels(2 * len(lenses), len(lenses), (4.2, 3.2), sharey=True)
-    styles = {f"tilt {tilt:.0f}°": (colour, "s") for tilt, colour in zip(tilts, COLOURS, strict=False)}
-    styles |= {f"roll {roll:.0f}°": (INK, mark) for roll, mark in zip(rolls, "os^Dvx", strict=False)}
-    for panel, (quantity, lens) in zip(every, product(("l", "f_y"), lenses), strict=True):
-        panel.axhspan(0.0, _OF_BOUND_GOAL, color=SHADE, lw=0)
-        panel.axhline(1.0, color=GREY, lw=0.8)
-        for row in (row for row in run if (row.lens, row.quantity) == (lens, quantity)):
-            tilt, roll = tilts.index(row.tilt_deg), rolls.index(row.roll_deg)
-            x, y = reaches.index(row.reach) + 0.06 * (tilt - 1.5) + 0.26 * (roll - 1), row.of_bound
-            error = 2 * y * standard_errors(row.draws).of_bound
-            panel.errorbar([x], [y], yerr=[error], fmt="os^Dvx"[roll], color=COLOURS[tilt], markersize=3.5, lw=0.8)
-        panel.set_xticks(range(len(reaches)), [f"{reach:g}" for reach in reaches])
-        label(panel, f"{quantity}, lens: {lens}", "contact distance over length")
-        panel.set_ylim(bottom=0.5)
-    drawn.supylabel("rms error over the bound")
-    legend(drawn, styles, columns=7)
-    drawn.suptitle(f"{run[0].draws} draws a cell; bars: two standard errors; grey: the goal", fontsize=10)
-    return drawn

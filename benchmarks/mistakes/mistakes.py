@@ -9,11 +9,10 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from benchmarks.figures import AMBER, GREEN, RED, label, panels
 from benchmarks.harness import Findings, Options, column, replace_marked, table
 from estimator import ContactEstimator, recording_verdict
 from estimator.table.contacts import LOCATED, Contact
@@ -136,9 +135,6 @@ CLEAN: Mistake[Any] = Mistake("nothing", NOTHING, frozenset(), lambda was, rng: 
 """A recording as it is."""
 
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 RECORDED, TAKEN = "recording", "session"
 TABLES: dict[str, Sequence[Mistake[Any]]] = {RECORDED: RECORDING, TAKEN: SESSION}
 
@@ -252,23 +248,6 @@ def shares(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
     return found
 
 
-def figure(rows: Sequence[Row]) -> Figure:
-    """How often each mistake is named, doubted, and passed over, over all rigs."""
-    drawn, every = panels(2, 2, (5.0, 10.0))
-    for panel, name in zip(every, TABLES, strict=True):
-        whats = list(dict.fromkeys(row.what for row in rows if row.table == name and row.must != NOTHING))
-        left = np.zeros(len(whats))
-        for what, colour in (("named", GREEN), ("doubted", AMBER), ("silent", RED)):
-            part = [np.mean([getattr(row, what) for row in rows if (row.table, row.what) == (name, w)]) for w in whats]
-            panel.barh(range(len(whats)), 100.0 * np.array(part), left=100.0 * left, color=colour, label=what)
-            left = left + np.array(part)
-        panel.set_yticks(range(len(whats)), whats, fontsize=7)
-        panel.invert_yaxis()
-        label(panel, name, "%")
-    drawn.legend(*every[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
-    return drawn
-
-
 def in_markdown(rows: Sequence[Row]) -> str:
     """The matrix for a page: shares, and which mistakes are always named, doubted or silent, and which sometimes."""
     words = []
@@ -310,9 +289,8 @@ def measure(options: Options) -> Findings:
     return Findings(
         "\n".join([table(rows, title, once=3), *parts]),
         {"mistakes.csv": rows},
-        {"mistakes.png": lambda: figure(rows)},
-        {"rows": rows, "shares": by},
-        f"{'; '.join(parts[:2])}; worst silent row {loud:.0f} std"[:100],
+        numbers={"rows": rows, "shares": by},
+        headline=f"{'; '.join(parts[:2])}; worst silent row {loud:.0f} std"[:100],
     )
 
 

@@ -4,22 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.stats import chi2, norm
 
 from benchmarks.estimator.setup import drawn_truth
-from benchmarks.figures import AMBER, GREEN, INK, RED, VIOLET, label, legend, panels
 from benchmarks.harness import Draws, Findings, Options, column, mean, rms_known, row_of, table
 from benchmarks.object.scenes import CASES, RIGID, SETUP, SOFT, SOFTER, Case, Recorded, contacts, played
 from estimator.object.estimate import ObjectEstimate, estimate_object
 from estimator.table.contacts import FRICTION_RAD
 from vbaa_calib.core.console import progress
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 _REGION = 0.95
 _WIDE = float(norm.isf((1.0 - _REGION) / 2.0))
@@ -265,34 +259,6 @@ def _as_text(rows: Sequence[ObjectRow], draws: int) -> str:
 
 
 _REGIONS = {"surface": "surface", "points": "point", "normals": "normal", "μ": "mu", "stiffness": "stiffness"}
-_STYLES = {"cylinder": (GREEN, "o"), "sphere": (AMBER, "o"), "box edge": (VIOLET, "o"), "free form": (RED, "o")}
-
-
-def _figure(rows: Sequence[ObjectRow]) -> Figure:
-    """Surface, normals, friction and stiffness, each with its goal; squares are soft objects."""
-    drawn, every = panels(4, 2, (6, 4))
-    deviation = "deviation of the contact points, mm"
-    shown = (
-        ("point_std_mm", "surface_mm", 1.0, deviation, "surface, rms error, mm", np.nan),
-        ("point_std_mm", "normal_deg", 1.0, deviation, "normals, rms error, °", np.degrees(_NORMAL_GOAL_RAD)),
-        ("friction", "mu_error", 1.0, "coefficient of friction", "its rms error", _MU_GOAL),
-        ("stiffness_N_m", "stiffness_error", 100.0, "stiffness, N/m", "its rms error, %", 100 * _STIFFNESS_GOAL),
-    )
-    for panel, (across, up, scale, x, y, goal) in zip(every, shown, strict=True):
-        for row in rows:
-            colour = _STYLES[row.object][0] if row.object in _STYLES else INK
-            mark = "s" if np.isfinite(row.stiffness_N_m) else "o"
-            face = colour if row.rig.startswith("exact") else "none"
-            at = getattr(row, across), max(scale * getattr(row, up), 1e-6)
-            panel.plot(*at, mark, color=colour, markerfacecolor=face)
-        panel.axhline(goal, color=INK, lw=1.2)
-        label(panel, "", x, y)
-        panel.set_yscale("log")
-    span = np.array(sorted(row.point_std_mm for row in rows))
-    every[0].plot(span, np.minimum(_SURFACE_OF_POINTS_GOAL * span, 1e3 * _SURFACE_GOAL_M), color=INK, lw=1.2)
-    every[0].set_xscale("log")
-    legend(drawn, _STYLES, "hollow: rig off; lines: goals; squares: soft objects")
-    return drawn
 
 
 def measure(options: Options) -> Findings:
@@ -303,7 +269,6 @@ def measure(options: Options) -> Findings:
     return Findings(
         _as_text(rows, draws),
         {"object.csv": rows},
-        {"object.png": lambda: _figure(rows)},
-        {"rows": rows},
-        f"{met} of {len(rows)} cells meet every goal; surface within {worst:.2f} mm rms",
+        numbers={"rows": rows},
+        headline=f"{met} of {len(rows)} cells meet every goal; surface within {worst:.2f} mm rms",
     )

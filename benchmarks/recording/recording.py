@@ -8,12 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from benchmarks.estimator.setup import drawn_truth
-from benchmarks.figures import GREEN, GREY, INK, label, panels
 from benchmarks.harness import Draws, Findings, Options, column, picked, rms, row_of, table, timed
 from benchmarks.object.scenes import AXIS, CENTRE, PIN_M, RIGID, SETUP, SOFT, Recorded, contacts, played
 from estimator.object.estimate import estimate_object
@@ -24,9 +22,6 @@ from estimator.table.contacts import ContactTable, Measured
 from vbaa_calib.core.console import progress
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import KnownObject
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _WIDE = 1.96
 _WORSE = 0.2
@@ -294,22 +289,6 @@ def long_seconds(frames: int, seed: int) -> float:
     return timed(lambda: refine(found, recorded.given, lines))[1]
 
 
-def _figure(rows: Sequence[RecordingRow]) -> Figure:
-    """Frame-wise and refined errors of every cell, and the joint bound."""
-    drawn, (panel,) = panels(1, 1, (10, 4))
-    place = np.arange(len(rows))
-    framewise, refined = (np.array([getattr(row, name) for row in rows]) for name in ("framewise_mm", "refined_mm"))
-    bound = refined / np.array([row.of_bound for row in rows])
-    panel.bar(place, framewise, color=GREY, label="frame by frame")
-    panel.bar(place, refined, 0.5, color=GREEN, label="as one")
-    panel.plot(place, bound, "_", color=INK, markersize=14, label="bound of the recording")
-    names = [f"{row.object}\nμ {row.friction:g}\n{row.recorded}" for row in rows]
-    panel.set_xticks(place, names, fontsize=6)
-    label(panel, "", "object, friction, frames", "contact point, rms, mm")
-    panel.legend(frameon=False)
-    return drawn
-
-
 QUICK = (CELLS[1], CELLS[6])
 
 
@@ -330,7 +309,6 @@ def measure(options: Options) -> Findings:
     return Findings(
         text,
         {"recording.csv": rows, "recording_known.csv": [known]},
-        {"recording.png": lambda: _figure(rows)},
-        {"rows": rows, "known": known, "frames": frames, "seconds": seconds},
-        f"points {min(ratios):.2f} to {max(ratios):.2f} of frame-wise, {max(bounds):.2f} × the bound at most",
+        numbers={"rows": rows, "known": known, "frames": frames, "seconds": seconds},
+        headline=f"points {min(ratios):.2f} to {max(ratios):.2f} of frame-wise, {max(bounds):.2f} × the bound at most",
     )
