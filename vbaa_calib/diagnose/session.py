@@ -580,7 +580,8 @@ def _camera(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
 
     def enlarged(problem: Problem, v: np.ndarray, about: np.ndarray) -> Problem:
         def scaled(seen: SeenPoints) -> SeenPoints:
-            return replace(seen, points=about + (seen.points - about) / (1.0 + v[0]))
+            by = 1.0 / (1.0 + v[0])
+            return replace(seen, points=about + by * (seen.points - about), covariance=by**2 * seen.covariance)
 
         tips = None if problem.tips_at_lens is None else scaled(problem.tips_at_lens)
         return replace(problem, seen_at_lens=[scaled(one) for one in problem.seen_at_lens], tips_at_lens=tips)
