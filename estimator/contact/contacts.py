@@ -7,7 +7,6 @@ from collections import deque
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from types import SimpleNamespace
 from typing import Any, TypeVar, overload
 
 import numpy as np
@@ -22,7 +21,7 @@ from vbaa_calib.rig import POSE_PARAMETERS, Rig
 from .inputs import Batch
 from .motion import Beam, Inertia, Motion, Shapes
 from .settings import ContactSettings
-from .status import FAILED, NO_ANTENNA, NO_CONTACT, OK, TIP, reason, statuses
+from .status import FAILED, NO_ANTENNA, NO_CONTACT, OK, TIP, reason, reported
 
 _T = TypeVar("_T")
 
@@ -58,24 +57,23 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
             raise IndexError(f"frame {index} of {len(self)}")
         index %= len(self)
         values = {name: column[index] for name, column in self._columns.items()}
-        bias = zip(RUNGS, self.numbers.bias[index].tolist(), strict=True)
-        status = "" if values["status"] == OK and self.ordinary[index] else values["status"]
-        words = reason(self.numbers, index, status, self.rig.antenna.length_m, self.requested)
-        outside, far = int(self.outside_points[index]), int(self.numbers.outliers[index])
-        for count, which in ((outside, "outside the picture"), (far, "far from where the neighbours lie")):
-            words += f"; {count} point{'s' * (count > 1)} {which}: left out" if count else ""
-        for name, count in zip(self.rig.cameras, () if self.seen is None else self.seen[index].tolist(), strict=False):
-            if count < ContactSettings.fewest_points:
-                words += f"; {name} shows only {count} points: left out" if count else f"; {name} shows no antenna"
-        end_std = float(self.numbers.tip_std[index])
-        return Contact(
-            reason=words,
-            outside_points=outside,
-            end_used=abs(end_std) <= ContactSettings.outlying_end if math.isfinite(end_std) else None,
-            bias={rung: value for rung, value in bias if math.isfinite(value)},
-            jacobian=None if self.jacobian is None else self.jacobian.of(index),
-            **values,
+        jacobian = None if self.jacobian is None else self.jacobian.of(index)
+        more = (
+            self.rig,
+            self.requested,
+            int(self.outside_points[index]),
+            None if self.seen is None else self.seen[index],
         )
+        return _contact(values, jacobian, self.numbers, index, bool(self.ordinary[index]), more)
+
+    @staticmethod
+    def of_one(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch, model: str) -> Contact:
+        """The result of one frame alone, as `contacts_of`."""
+        rows, status, ordinary = _reported(numbers, rig, friction_rad, batch)
+        values = dict(zip(core.solver.REPORTED["names"], rows[0].item(), strict=True))
+        values |= {"status": str(status[0]), "model": RUNGS[int(numbers.rung[0])], "friction_prior_rad": friction_rad}
+        more = rig, model, int(batch.outside_points[0]), None if batch.seen is None else batch.seen[0]
+        return _contact(values | {"condition": float(numbers.condition[0])}, None, numbers, 0, bool(ordinary[0]), more)
 
     @cached_property
     def _columns(self) -> dict[str, Any]:
@@ -85,40 +83,72 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
 
 
 @lru_cache
-def _reported() -> np.dtype[np.void]:
+def _kind() -> np.dtype[np.void]:
     """Of the columns that the core fills in."""
     return np.dtype(core.solver.REPORTED)
 
 
-def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch, model: str) -> Contacts:
-    """The results of a batch; their statuses decide which numbers are filled in. model : the requested one."""
-    count = len(numbers)
-    rotation, translation = rig.kinematics.world_antenna(batch.pan_rad, batch.tilt_rad)
-    moment_Nm = float(np.divide(rig.reading_noise[0], rig.moment_sensor.gain))
-    placed = SimpleNamespace(
-        rotation=np.ascontiguousarray(rotation),
-        translation_m=np.ascontiguousarray(translation),
-        length_m=rig.antenna.length_m,
-        friction_rad=friction_rad,
-        moment_Nm=moment_Nm,
+def _contact(
+    values: dict[str, Any],
+    jacobian: Jacobian | None,
+    numbers: FitNumbers,
+    index: int,
+    ordinary: bool,
+    more: tuple[Rig, str, int, np.ndarray | None],
+) -> Contact:
+    """A contact of its numbers and status by name, of the fit of that index. more : rig, the requested model, points
+    outside the picture, and those that each of several cameras saw."""
+    (rig, requested, outside, seen), row = more, numbers.rows[index]
+    bias = zip(RUNGS, row["bias"].tolist(), strict=True)
+    status = "" if values["status"] == OK and ordinary else values["status"]
+    words = reason(numbers, index, status, rig.antenna.length_m, requested)
+    for count, which in ((outside, "outside the picture"), (int(row["outliers"]), "far from where the neighbours lie")):
+        words += f"; {count} point{'s' * (count > 1)} {which}: left out" if count else ""
+    for name, count in zip(rig.cameras, seen.tolist(), strict=False) if seen is not None else ():
+        if count < ContactSettings.fewest_points:
+            words += f"; {name} shows only {count} points: left out" if count else f"; {name} shows no antenna"
+    end_std = float(row["tip_std"])
+    contact = object.__new__(Contact)  # of all fields at once: to set each takes longer than all else here
+    vars(contact).update(
+        values,
+        reason=words,
+        outside_points=outside,
+        end_used=abs(end_std) <= ContactSettings.outlying_end if math.isfinite(end_std) else None,
+        bias={rung: value for rung, value in bias if math.isfinite(value)},
+        jacobian=jacobian,
     )
-    rows = np.empty(count, _reported())
-    places, noticed = core.solver.report(ContactSettings, numbers.rows, placed, rows)
-    columns: dict[str, Any] = {name: rows[name] for name in core.solver.REPORTED["names"]}
+    return contact
+
+
+def _reported(
+    numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The columns of a batch that the core fills in, as (B,) structures, statuses (B,) and a mask (B,) of frames about
+    which there is nothing to remark."""
+    rows, world = np.empty(len(numbers), _kind()), rig.kinematics.world_antenna(batch.pan_rad, batch.tilt_rad)
+    moment_Nm = rig.reading_noise[0] / rig.moment_sensor.gain if rig.moment_sensor.gain else math.nan
+    status, ordinary = reported(numbers, world, (rig.antenna.length_m, friction_rad, moment_Nm), rows)
     if not rig.kinematics.axes_known:
         by_axes = rig.kinematics.by_axes(batch.pan_rad, batch.tilt_rad)
         with np.errstate(invalid="ignore", over="ignore"):
-            columns["covariance_world_m2"] += _by_axes(rig, numbers, rotation, by_axes)
+            rows["covariance_world_m2"] += _by_axes(rig, numbers, world[0], by_axes)
+    return rows, status, ordinary
+
+
+def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch, model: str) -> Contacts:
+    """The results of a batch; their statuses decide which numbers are filled in. model : the requested one."""
+    rows, status, ordinary = _reported(numbers, rig, friction_rad, batch)
+    columns: dict[str, Any] = {name: rows[name] for name in core.solver.REPORTED["names"]}
     return Contacts(
         rig=rig,
         numbers=numbers,
         requested=model,
         outside_points=batch.outside_points,
-        ordinary=noticed & core.solver.OUT_OF_ORDINARY == 0,
+        ordinary=ordinary,
         seen=batch.seen,
-        status=statuses(places),
+        status=status,
         model=np.array(RUNGS)[numbers.rung],
-        friction_prior_rad=np.full(count, friction_rad),
+        friction_prior_rad=np.full(len(numbers), friction_rad),
         condition=numbers.condition,
         **columns,
     )

@@ -122,6 +122,10 @@ class ContactEstimator:
         InputError : wrong shapes, what is no number, angles beyond a turn, moments and pixels that cannot be, not one
             of centreline_px and plane_xy_m, a camera in plane C.
         """
+        usual = sigma_px is None and not options
+        batch = Batch.plain(self.rig, centreline_px, (moment, moment_z), (pan, tilt)) if usual else None
+        if batch is not None:
+            return Contacts.of_one(self._fitted(batch), self.rig, self.friction_rad, batch, self.model)
         return self.estimate_batch(**_as_batch(centreline_px, moment, (pan, tilt), sigma_px, moment_z, options))[0]
 
     def estimate_two(
@@ -284,7 +288,7 @@ class ContactEstimator:
         known : what this estimator has found for some of the frames, by index.
         """
         count, known = len(batch), known or {}
-        left = np.array([row for row in range(count) if row not in known], np.intp)
+        left = np.array([row for row in range(count) if row not in known], np.intp) if known else np.arange(count)
         found = None if 0 < len(left) == count <= most else FitNumbers.empty(count)
         if known and found is not None:
             for begin in range(0, len(known), ContactSettings.frames_per_step):
@@ -306,7 +310,7 @@ class ContactEstimator:
             return contacts
         return replace(contacts, moment_residual_Nm=contacts.moment_residual_Nm / weights[:, 0])
 
-    def _fitted(self, batch: Batch, beam: Beam | None) -> FitNumbers:
+    def _fitted(self, batch: Batch, beam: Beam | None = None) -> FitNumbers:
         """The fits of frames with enough points; frames that do not fit are fitted again with other explanations."""
         plain = batch.covariance_shape is None and batch.errors_Nm is None
         measured = batch.pixels(self._rig_arrays) if plain else batch.frames(self._rig_arrays)

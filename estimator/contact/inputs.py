@@ -204,6 +204,29 @@ class Batch(Rows):
         return Batch(points, sigma, numbers, tips, *angles, outside, start, errors, joint_errors, shape, order)
 
     @staticmethod
+    def plain(rig: Rig, centreline_px: Any, moments: tuple[Any, Any], joints: tuple[Any, Any]) -> Batch | None:
+        """The batch of one frame as most are: floats, and points in order within the picture. None for any other."""
+        moment, moment_z = (np.nan if each is None else each for each in moments)
+        numbers, whole = (moment, moment_z, *joints), type(centreline_px) is np.ndarray and centreline_px.dtype == float
+        if not whole or rig.others or any(type(each) is not float for each in numbers):
+            return None
+        too_much = abs(moment) > PLAUSIBLE.moment_Nm or abs(moment_z) > PLAUSIBLE.moment_Nm
+        if too_much or not all(abs(each) <= PLAUSIBLE.angle_rad for each in joints):
+            return None
+        if centreline_px.ndim != 2 or centreline_px.shape[1] != 2 or not len(centreline_px):
+            return None
+        points = np.ascontiguousarray(centreline_px)[None]
+        _, disordered, (left, right), (top, bottom) = core.solver.places(points)
+        width, height = rig.camera.image_size
+        if disordered[0] or not (left >= 0.0 and top >= 0.0 and right <= width and bottom <= height):
+            return None
+        columns = np.full((1, len(READINGS)), np.nan)
+        columns[0, :2] = moment if rig.moment_sensor.exists else np.nan, moment_z
+        pan, tilt = np.array([joints]).T
+        sigma = np.full(points.shape[:2], rig.image.noise_px)
+        return Batch(points, sigma, columns, np.full((1, 3), np.nan), pan, tilt, np.zeros(1, int))
+
+    @staticmethod
     def checked(
         rig: Rig,
         centrelines_px: Lines | Mapping[str, Lines] | None,

@@ -75,7 +75,7 @@ class FitNumbers:
     @staticmethod
     def empty(count: int) -> FitNumbers:
         """The numbers of `count` frames without a fit: NaN, 0 and False."""
-        return FitNumbers(np.full(count, _without_fit()))
+        return FitNumbers(_without_fit().repeat(count))
 
     @staticmethod
     def joined(several: Sequence[FitNumbers]) -> FitNumbers:
@@ -97,8 +97,8 @@ class FitNumbers:
 
 @lru_cache
 def _without_fit() -> np.ndarray:
-    """() the numbers of a frame without a fit."""
-    nothing = np.zeros((), core.solver.NUMBERS)
+    """(1,) the numbers of a frame without a fit."""
+    nothing = np.zeros(1, core.solver.NUMBERS)
     for name in core.solver.NUMBERS["names"]:
         if nothing[name].dtype == float:
             nothing[name] = np.nan

@@ -32,10 +32,8 @@ def rotation_world_antenna(pan_rad: ArrayLike, tilt_rad: ArrayLike, axis_skew_ra
             what = f"pan_rad has shape {pan.shape}, tilt_rad {tilt.shape}"
             raise InputError(what, remedy="give one of each for every frame") from None
     sin_p, cos_p, sin_t, cos_t = np.sin(pan), np.cos(pan), np.sin(tilt), np.cos(tilt)
-    turn = np.empty((*pan.shape, 3, 3))
-    turn[..., 0, 0], turn[..., 0, 1], turn[..., 0, 2] = cos_t * cos_p, -sin_p, -sin_t * cos_p
-    turn[..., 1, 0], turn[..., 1, 1], turn[..., 1, 2] = cos_t * sin_p, cos_p, -sin_t * sin_p
-    turn[..., 2, 0], turn[..., 2, 1], turn[..., 2, 2] = sin_t, 0.0, cos_t
+    rows = [cos_t * cos_p, -sin_p, -sin_t * cos_p], [cos_t * sin_p, cos_p, -sin_t * sin_p], [sin_t, 0.0 * pan, cos_t]
+    turn = np.ascontiguousarray(np.moveaxis(np.array(rows), (0, 1), (-2, -1)) if pan.ndim else rows)
     if axis_skew_rad == 0.0:
         return turn
     sin_s, cos_s = np.sin(axis_skew_rad), np.cos(axis_skew_rad)
@@ -119,10 +117,10 @@ class Kinematics:
     @lru_cache(maxsize=64)  # noqa: B019 -- a stream asks several times for the same picture's
     def _once(self, pan: bytes, tilt: bytes, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
         """Rotation and translation at one reading, repeated to that shape; cached by its bytes, as −0 equals 0."""
-        found = self._carried(*(np.frombuffer(each).reshape(shape) for each in (pan, tilt)))
-        for each in found:
-            each.flags.writeable = False
-        return found
+        found = self._carried(*(np.frombuffer(each)[0] for each in (pan, tilt)))
+        rotation, translation = (each.reshape(*shape, *each.shape) for each in found)
+        rotation.flags.writeable = translation.flags.writeable = False
+        return rotation, translation
 
     def _carried(self, pan_rad: np.ndarray, tilt_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         turn = rotation_world_antenna(pan_rad, tilt_rad + self.tilt_zero_rad, self.axis_skew_rad)
@@ -138,7 +136,7 @@ class Kinematics:
         tilted = (self.world_antenna(pan_rad, tilt_rad + step) for step in (-_STEP, _STEP))
         return _central_differences([panned, tilted])
 
-    @property
+    @cached_property
     def axes_known(self) -> bool:
         """Whether skew, offset and tilt zero count as exact."""
         return not (self.axes_std.any() or self.axes_by_pose.any())

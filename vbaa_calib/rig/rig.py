@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -280,7 +280,7 @@ class Rig:
         ]
         return "\n".join([*lines, *(f"{one.label:10s} {one}" for one in self.verdict.findings)])
 
-    @property
+    @cached_property
     def reading_noise(self) -> tuple[float, ...]:
         """Standard deviations of the readings, as `session.READINGS`, 0 for one that the rig does not have."""
         more = self.wrench_sensor

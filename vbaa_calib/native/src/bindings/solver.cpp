@@ -284,28 +284,29 @@ struct JudgedRows {
     Numpy<std::int64_t, 1> status;
     Numpy<std::uint64_t, 1> noticed;
 
-    JudgedRows(nb::handle limits, View<const solver::Numbers, 1> numbers)
+    JudgedRows(const solver::Limits& limits, View<const solver::Numbers, 1> numbers)
         : status(room<std::int64_t>(numbers.size())), noticed(room<std::uint64_t>(numbers.size())) {
         for (const solver::Numbers& each : numbers)
             require(0 <= each.rung && each.rung <= solver::REFERENCE, "no such rung");
-        solver::judge(numbers, limits_of(limits), {view(status), view(noticed)});
+        solver::judge(numbers, limits, {view(status), view(noticed)});
     }
 };
 
-auto judge(nb::handle limits, nb::handle numbers) {
+auto judge(const solver::Limits& limits, nb::handle numbers) {
     const JudgedRows found(limits, structures<const solver::Numbers>(numbers));
     return std::make_pair(found.status, found.noticed);
 }
 
-auto report(nb::handle limits, nb::handle numbers_, nb::handle placed_, nb::handle reported) {
+// units: the antenna's length, friction's deviation, the moment that is one of the sensor's
+auto report(const solver::Limits& limits, nb::handle numbers_, InCube rotation, InMatrix translation_m,
+            const std::tuple<double, double, double>& units, nb::handle reported) {
     const auto numbers = structures<const solver::Numbers>(numbers_);
     const int count = numbers.size();
     const JudgedRows found(limits, numbers);
-    solver::Placed placed;
-    read(placed_, std::array{count, 3, 3}, "rotation", placed.rotation);
-    read(placed_, std::array{count, 3}, "translation_m", placed.translation_m);
-    read_numbers(placed_, "length_m", placed.length_m, "friction_rad", placed.friction_rad, "moment_Nm",
-                 placed.moment_Nm);
+    const auto [length_m, friction_rad, moment_Nm] = units;
+    const solver::Placed placed = {view(rotation), view(translation_m), length_m, friction_rad, moment_Nm};
+    require(placed.rotation.shape == std::array{count, 3, 3} && placed.translation_m.shape == std::array{count, 3},
+            "rotations must be (B, 3, 3), translations (B, 3)");
     solver::report(numbers, {view(found.status), view(found.noticed)}, placed,
                    structures<solver::Reported>(reported, count));
     return std::make_pair(found.status, found.noticed);
@@ -445,6 +446,8 @@ void bind_solver(nb::module_& module) {
             "__init__",
             [](Rig* at, nb::handle fields, const nb::tuple& cameras) { new (at) Rig(rig_of(fields, cameras)); },
             nb::keep_alive<1, 3>());
+    nb::class_<solver::Limits>(room, "Limits", "What decides on a frame's status: `ContactSettings`.")
+        .def("__init__", [](solver::Limits* at, nb::handle settings) { new (at) solver::Limits(limits_of(settings)); });
     room.def("solve", &solve, "Fits frames from `begin` to `end` on a rung, −1: the highest, into rows of NUMBERS.");
     room.def("judge", &judge, "Statuses (B,) of fits, in their order, and what was noticed (B,), bits of Noticed.");
     room.def("report", &report, "Columns of `Contacts` into rows of REPORTED; gives what `judge` does.");
