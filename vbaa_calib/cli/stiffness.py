@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
-import io
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vbaa_calib.core.console import say
+from vbaa_calib.core.csv_rows import csv_text
 from vbaa_calib.core.errors import InputError, about
 from vbaa_calib.core.files import refuse_outputs, refuse_overwrite, replacing, sha256, write_json, write_text
 
@@ -295,11 +294,7 @@ def _run_photo(args: argparse.Namespace) -> dict[str, Any]:
     document |= {"inputs_sha256": {path.name: sha256(path) for path in photos}, "command": list(args.argv)}
     _report_photo(document)
     if args.moments:
-        text = io.StringIO()
-        writer = csv.DictWriter(text, document["moment_curvature"][0], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(document["moment_curvature"])
-        write_text(args.moments, text.getvalue(), args.force)
+        write_text(args.moments, csv_text(document["moment_curvature"]), args.force)
     if args.output:
         write_json(args.output, document, args.force)
     for path in outputs:

@@ -1,4 +1,4 @@
-"""CSV tables as rows of text, a long one row by row, and the numbers in their cells.
+"""CSV tables: read as rows of text, a long one row by row, with the numbers in their cells; written from rows.
 
 Cells are separated by commas, semicolons or tabs, as in the header; lines that begin with # are comments.
 """
@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import chain
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -60,6 +60,16 @@ def csv_rows(
         yield {name: cells[at] for name, at in places.items()} | {"line": str(line)}
     if line == 0:
         raise InputError("has a header but no rows", where=path, remedy="add at least one row")
+
+
+def csv_text(rows: Sequence[Mapping[str, Any]], columns: Sequence[str] = ()) -> str:
+    """A table as CSV text; missing cells are empty. columns : by default the keys of the first row."""
+    text = io.StringIO()
+    names = columns or list(rows[0])
+    writer = csv.DictWriter(text, names, restval="", extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
 
 
 def header_of(path: Path) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -16,6 +15,7 @@ import yaml
 
 from vbaa_calib.antenna.taper import profiles_to_dict
 from vbaa_calib.core.console import progress
+from vbaa_calib.core.csv_rows import csv_text
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import refuse_folder_of, write_json
 from vbaa_calib.core.folders import replacing_folder
@@ -178,10 +178,7 @@ def _write_picture(path: Path, picture: np.ndarray) -> None:
 
 def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     """Write a CSV of at least one row; the columns are the first one's keys."""
-    with path.open("w", encoding="utf-8", newline="") as table:
-        writer = csv.DictWriter(table, fieldnames=list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+    path.write_bytes(csv_text(rows).encode())
 
 
 def _drawn_pictures(scene: SceneSpec, place: Studio, sheet: Sheet) -> Take:

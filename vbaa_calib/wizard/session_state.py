@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -29,6 +27,7 @@ from vbaa_calib.calibrate.pipeline import first_solved, next_lenses, prior_of_se
 from vbaa_calib.calibrate.plane_c import PlaneC, find_plane
 from vbaa_calib.calibrate.pose.fusion import fused
 from vbaa_calib.convert.values import Wanted
+from vbaa_calib.core.csv_rows import csv_text
 from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
 from vbaa_calib.core.files import UniqueKeyDumper, read_yaml, write_text
 from vbaa_calib.core.images import read_gray, read_picture
@@ -106,13 +105,14 @@ def _write_table(path: Path, taken: Sequence[AcceptedPicture]) -> None:
     """Write a picture folder's table with numbers in full precision, unless the file is already the same."""
     timed = ["time_s"] if all("time_s" in one.readings for one in taken) else []
     read = [name for name in READINGS[path.stem] if name not in SILENT or all(name in one.readings for one in taken)]
-    columns, text = ["image", *read, *timed], io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    for one in taken:
-        writer.writerow([Path(one.file).name, *(repr(float(one.readings[name])) for name in columns[1:])])
-    if not path.exists() or path.read_text(encoding="utf-8", errors="replace") != text.getvalue():
-        write_text(path, text.getvalue())
+    columns = ["image", *read, *timed]
+    rows = [
+        {"image": Path(one.file).name} | {name: repr(float(one.readings[name])) for name in columns[1:]}
+        for one in taken
+    ]
+    text = csv_text(rows, columns)
+    if not path.exists() or path.read_text(encoding="utf-8", errors="replace") != text:
+        write_text(path, text)
 
 
 class SessionState:

@@ -10,8 +10,6 @@ results/
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 from array import array
@@ -29,6 +27,7 @@ from estimator.diagnose.consequences import changed_row
 from estimator.table.contacts import LOCATED, STATUSES, ContactRow
 from estimator.table.files import rewrite_contacts, write_contacts
 from estimator.table.overview import readings_in_words
+from vbaa_calib.core.csv_rows import csv_text
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json, write_json, write_text
 from vbaa_calib.core.folders import make_folder, writing_alone
@@ -101,7 +100,6 @@ class Results:
         for name, row in rows.items():
             if self.object(name).exists():
                 row["object"] = self.object(name).relative_to(self.root)
-        text = io.StringIO()
         columns = (
             *(
                 "recording",
@@ -126,16 +124,15 @@ class Results:
             *("moment_residual_rms_Nm", "free_frames", "drift_picture_px", "drift_moment_zero_std", "drift_beyond"),
             *("outside_points", "warnings", "cpu_s", "object", "readings", "reasons"),
         )
-        writer = csv.DictWriter(text, columns, restval="", extrasaction="ignore", lineterminator="\n")
-        writer.writeheader()
+        table = []
         for _, row in sorted(rows.items()):
             words: Row = {} if "readings" not in row else {"readings": readings_in_words(row["readings"])}
             reasons = [f"{one['frames']} {one['reason']}" for one in row.get("reasons", ())[:3]]
             findings = row.get("verdict", {}).get("findings", ())
             verdict = [f"{one['severity']}: {one['words']}; {one['remedy']}" for one in findings]
             cells = {**row, **words, "reasons": reasons, "verdict": verdict}
-            writer.writerow({name: _cell(cells.get(name)) for name in columns})
-        write_text(self.summary, text.getvalue())
+            table.append({name: _cell(cells.get(name)) for name in columns})
+        write_text(self.summary, csv_text(table, columns))
         return list(rows.values())
 
     def write(

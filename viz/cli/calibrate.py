@@ -4,8 +4,6 @@ page."""
 from __future__ import annotations
 
 import argparse
-import csv
-import io
 import re
 from collections.abc import Sequence
 from datetime import datetime
@@ -16,7 +14,7 @@ import numpy as np
 
 from vbaa_calib.cli.lens_file import add_lens_file, wanted_of
 from vbaa_calib.core.console import say
-from vbaa_calib.core.csv_rows import read_csv
+from vbaa_calib.core.csv_rows import csv_text, read_csv
 from vbaa_calib.core.errors import InputError, VbaaError
 from vbaa_calib.core.files import read_json, refuse_overwrite, sha256, write_json, write_text
 from vbaa_calib.core.folders import make_folder
@@ -186,13 +184,12 @@ def _dated(known: list[Path]) -> list[tuple[datetime, Path]]:
 
 def _table_csv(found: OverTime, dates: Sequence[str]) -> str:
     """A CSV with a row for each parameter and calibration: the change since the first."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["parameter", "date", "days", "change", "std", "deviations_from_mean"])
+    columns, rows = ("parameter", "date", "days", "change", "std", "deviations_from_mean"), []
     for column, name in enumerate(found.names):
         for row, date in enumerate(dates):
             value, std = found.values[row, column], found.std[row, column]
             off = (value - found.mean[column]) / std if std > 0.0 else np.nan
             cells = (found.days[row], value, std, off)
-            writer.writerow([name, date, *(f"{cell:.9g}" if np.isfinite(cell) else "" for cell in cells)])
-    return text.getvalue()
+            numbers = (f"{cell:.9g}" if np.isfinite(cell) else "" for cell in cells)
+            rows.append(dict(zip(columns, (name, date, *numbers), strict=True)))
+    return csv_text(rows, columns)
