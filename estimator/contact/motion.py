@@ -97,9 +97,9 @@ class Inertia:
 
     load_N_m : (R, G, 3) −ρA·a at `Beam.pieces_m`, world frame, in addition to the weight.
     load_std_N_m : (R, G, 3) standard deviation.
-    response : (R,) how much of an oscillation in the first mode frames at these times show, 0 to 1: the load is too
-        small by it. 0.70 at 30 frames per second for the free steel antenna, 0.84 with many frames in a period.
-        Touched, the antenna rings faster, and at 30 frames per second next to nothing of that is seen: near 0.
+    response : (R,) share of an oscillation in the first mode, 0 to 1, that frames at these times show; the load is too
+        small by this factor. 0.70 at 30 frames per second for the free steel antenna, 0.84 with many frames in a
+        period. Touched, the antenna rings faster, and at 30 frames per second next to nothing of that is seen: near 0.
     """
 
     load_N_m: np.ndarray

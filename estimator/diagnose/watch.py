@@ -407,7 +407,7 @@ def _exchanged(jumps: Sequence[_Jump]) -> list[tuple[int, int]]:
 
 
 def _unlike(one_px: np.ndarray, other_px: np.ndarray) -> np.ndarray:
-    """(...) rms distance of lines (..., K) where both are visible; NaN where that is hardly anywhere."""
+    """(...) rms distance of two lines (..., K) over the places where both are visible; NaN where these are too few."""
     square = (one_px - other_px) ** 2
     seen = np.isfinite(square)
     count = seen.sum(axis=-1)

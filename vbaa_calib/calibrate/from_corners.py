@@ -33,7 +33,7 @@ def calibrate_lens(
     LensSolution : `camera` with its covariance; `outliers`, per view the ids of corners left out (all of a dropped
         view's); `board_points` (K, 3) m as solved; `trusted`; `verdict` in words.
 
-    Raises InputError for what is no such corners, too few of them, or corners that leave the lens open.
+    Raises InputError for arrays of another form, and for corners that are too few or do not determine the lens.
     """
     size = _size(image_size)
     points = _numbers(board_points, "board_points")

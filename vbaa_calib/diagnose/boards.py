@@ -226,8 +226,9 @@ def _not_rectified(data: LensReadings) -> Iterator[Explanation[LensReadings]]:
 
 
 def _bend(data: LensReadings, camera: Camera) -> tuple[float, float, float, float]:
-    """Fraction of a lens's distortion in the straight lines of a board, by least squares; the corners' scatter about
-    homographies without distortion and with all of it, px per axis; the log odds of none against all."""
+    """Fraction of the lens's distortion that the board's straight lines have in the pictures, by least squares; the
+    corners' scatter about homographies without distortion and with all of it, px per axis; the log odds of none against
+    all."""
     freedom, sums = 0, np.zeros((2, 2))
     for view in data[2]:
         plane = data[3][view.ids, :2]

@@ -339,7 +339,7 @@ def export(
 
     Raises
     ------
-    InputError : another simulator, segments that cannot be, a file that is there, unless `force`.
+    InputError : an unknown simulator, an impossible number of segments, or a file that exists (without `force`).
     """
     if to not in EXPORTS:
         raise InputError(f"to is {quoted(to)}", remedy=f"give one of {', '.join(EXPORTS)}")

@@ -19,8 +19,9 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from vbaa_calib.antenna.rod import TORSION_RATIO, Rod
+from vbaa_calib.core.csv_rows import csv_text
 from vbaa_calib.core.errors import InputError, SolveError
-from vbaa_calib.core.files import read_yaml, write_json
+from vbaa_calib.core.files import read_yaml, write_json, write_text
 from vbaa_calib.core.folders import replacing_folder
 from vbaa_calib.core.models import Number, WholeNumber, array_of, checked
 from vbaa_calib.geometry import Pose
@@ -29,7 +30,7 @@ from vbaa_calib.session.whiskers import StatedFile
 from .contact.touch import Touch, touch
 from .scene.objects import TouchObject
 from .scene.scene import degrees
-from .write import refuse_target, write_rows
+from .write import refuse_target
 
 _Small = Annotated[Number, Field(ge=0, le=0.1)]
 _Plane = Annotated[np.ndarray, array_of(2, ge=-1, le=1)]
@@ -104,9 +105,9 @@ def write_whiskers(path: Path, folder: Path, *, force: bool = False, seed: int |
     about = {"schema": "vbaa.truth/1", "scene": path.stem, "frames": truth}
     with replacing_folder(folder) as root:
         (root / "whiskers.yaml").write_text(_rig_yaml(data), encoding="utf-8")
-        write_rows(root / "centrelines.csv", rows)
+        write_text(root / "centrelines.csv", csv_text(rows))
         readings = [{"frame": frame, "time_s": round(float(at), 6)} for frame, at in enumerate(time_s)]
-        write_rows(root / "readings.csv", [row | {"pan_rad": 0.0, "tilt_rad": 0.0} for row in readings])
+        write_text(root / "readings.csv", csv_text([row | {"pan_rad": 0.0, "tilt_rad": 0.0} for row in readings]))
         write_json(root / "truth.json", about)
     return about
 

@@ -17,7 +17,7 @@ from vbaa_calib.antenna.taper import profiles_to_dict
 from vbaa_calib.core.console import progress
 from vbaa_calib.core.csv_rows import csv_text
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import refuse_folder_of, write_json
+from vbaa_calib.core.files import refuse_folder_of, write_json, write_text
 from vbaa_calib.core.folders import replacing_folder
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session import SCHEMA
@@ -142,14 +142,13 @@ def write_session(
         write_json(root / "truth.json", truth)
         for name, rows in planned.tables.items():
             drop = not recording_pictures and name == "recording/recording.csv"
-            write_rows(
-                root / name, [{k: v for k, v in row.items() if not (drop and k.startswith("image"))} for row in rows]
-            )
+            plain = [{k: v for k, v in row.items() if not (drop and k.startswith("image"))} for row in rows]
+            write_text(root / name, csv_text(plain))
         if not recording_pictures:
             each = [scene.of_camera(name) for name in scene.cameras] or [scene]
             places = [studio(one.lens, one.picture, stream(scene, "bench")) for one in each]
             lines = [row for one, own in zip(each, places, strict=True) for row in _centrelines(one, own, planned)]
-            write_rows(root / "recording/centrelines.csv", lines)
+            write_text(root / "recording/centrelines.csv", csv_text(lines))
         taken = [recording_pictures or not shot.path.startswith("recording/") for shot in planned.shots]
         _write_pictures(scene, take, planned, taken, root, 1 if traced else os.cpu_count())
         if labels:
@@ -174,11 +173,6 @@ def _write_picture(path: Path, picture: np.ndarray) -> None:
         *(cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP),
     )
     path.write_bytes(cv2.imencode(".png", picture, options)[1].tobytes())
-
-
-def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write a CSV of at least one row; the columns are the first one's keys."""
-    path.write_bytes(csv_text(rows).encode())
 
 
 def _drawn_pictures(scene: SceneSpec, place: Studio, sheet: Sheet) -> Take:
@@ -220,9 +214,9 @@ def _write_labels(scene: SceneSpec, place: Studio, planned: Plan, taken: Sequenc
     for shot in shots:
         _write_picture(root / "labels" / shot.path, _antenna_mask(scene, place, shot))
     rows = [row for shot in shots for row in _centreline_rows(scene, place, shot)]
-    write_rows(root / "labels/centrelines.csv", rows)
+    write_text(root / "labels/centrelines.csv", csv_text(rows))
     contacts = [_contact_row(scene, place, shot, truths.get(shot.path, {})) for shot in shots]
-    write_rows(root / "labels/contacts.csv", contacts)
+    write_text(root / "labels/contacts.csv", csv_text(contacts))
 
 
 def _write_sweep(scene: SceneSpec, take: Take, sheet: Sheet, root: Path) -> Pose:
@@ -240,7 +234,7 @@ def _write_sweep(scene: SceneSpec, take: Take, sheet: Sheet, root: Path) -> Pose
         # the sweep's pictures take their noise after all those of the plan
         _write_picture(folder / name, take(shot, None, stream(scene, "pictures", 1_000_000 + index)))
         rows.append({"image": name, "pan_rad": at.pan_rad, "tilt_rad": at.tilt_rad})
-    write_rows(folder / "sweep.csv", rows)
+    write_text(folder / "sweep.csv", csv_text(rows))
     return T_world_board
 
 

@@ -177,8 +177,8 @@ class Capture:
             self.detector.rearm()
 
     def _jig_begins(self, check: PictureCheck) -> bool:
-        """Whether the board came into its jig only with this picture, since it has moved; the earlier pictures are
-        moved away."""
+        """Whether the board has moved since the earlier pictures, so that this is the first one in its jig; the earlier
+        ones are archived."""
         if not self.as_it_stands or (self.progress is not None and self.progress.enough):
             return False
         how = (

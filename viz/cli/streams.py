@@ -273,7 +273,7 @@ def tracked_antennas(args: argparse.Namespace) -> tuple[Sequence[Frame], Mapping
 
 
 def _frames_of(args: argparse.Namespace, lines: Mapping[str, Centrelines]) -> Sequence[Frame]:
-    """The frames of several antennas' lines.
+    """Frames for the centrelines of several antennas, one for each number in their tables.
 
     Without readings: vision alone, the joints as --pan and --tilt say, times by --rate, or else a second from frame to
     frame, so that none is tested for motion.

@@ -88,7 +88,7 @@ class _Scale:
 
     @property
     def ends(self) -> tuple[str, str, str]:
-        """Its low end, its title, its high end."""
+        """Texts for the scale's low end, its middle (title and unit) and its high end."""
         return f"{self.ticks[0]:.4g}", f"{self.title}, {self.unit}", f"{self.ticks[-1]:.4g}"
 
 

@@ -135,7 +135,8 @@ class TouchObject:
 
     @property
     def numbers(self) -> SimpleNamespace:
-        """The object in the core's form."""
+        """The object as the compiled core reads it: its kind, vectors (3,), and bumps (K, 5): directions, heights,
+        widths."""
         center, axis, wedge = (
             np.ascontiguousarray(v, float) for v in (self.center_world_m, self.axis_world, self.wedge_world)
         )
