@@ -21,6 +21,7 @@ from vbaa_calib.core.files import read_json, write_json
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig
 from vbaa_calib.rig.parts import RIG_PARAMETERS
+from vbaa_calib.session.drift import Drift
 
 from .rigs import GRAVITY, Place, World
 from .session import Truth, follow
@@ -121,6 +122,7 @@ class Outcome:
     shared_m : deviation of distance that all frames share: now, as forecast after what the calibration advises, and
         as it is after that; NaN without.
     ours, true, refined : contacts with the calibrated rig, the true one, and after `vbaa refine`; None: refused.
+    alone : with the calibrated rig as it is, without what free frames of the recording show of it.
     """
 
     calibrated: int
@@ -133,6 +135,7 @@ class Outcome:
     ours: Judged | None = None
     true: Judged | None = None
     refined: Judged | None = None
+    alone: Judged | None = None
     estimate_words: str = ""
     refine_words: str = ""
 
@@ -164,9 +167,13 @@ def outcome(world: World, truth: Truth, folder: Path) -> Outcome:
     )
     if estimated[2] is None:
         return found
+    unmoved = folder.parent / "alone.json"
+    write_json(unmoved, replace(rig, drift=Drift()).to_dict(), True)
+    alone = contacts_of(folder, unmoved, folder.parent / "alone.csv")[2]
     refined, words = _refined(folder, rig_json, csv, truth)
     shared = _followed(world, folder, described["guide"])
-    return replace(found, ours=judge(estimated[2], truth), refined=refined, refine_words=words, shared_m=shared)
+    found = replace(found, refined=refined, refine_words=words, shared_m=shared)
+    return replace(found, ours=judge(estimated[2], truth), alone=None if alone is None else judge(alone, truth))
 
 
 def _followed(world: World, folder: Path, guide: Mapping[str, Any]) -> tuple[float, float, float]:

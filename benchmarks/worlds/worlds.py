@@ -37,8 +37,9 @@ class Row:
     error_mm, stated_mm : medians of the located distances' errors and standard deviations. relative : error over L.
     held : share within 1.96 standard deviations; point_held : of world points in their 95 % regions. silent : frames
         located and off by over five, or free. true_mm, true_held : the same frames with the true rig.
-    rms_mm, refined_mm : root mean squares, as estimated and after `vbaa refine`. bound : how much smaller the latter
-        becomes by the joint posterior of rig and frames: the most that the same information has.
+    alone_mm, rms_mm, refined_mm : root mean squares with the calibrated rig alone, as estimated (free frames have shown
+        more of the rig) and after `vbaa refine`. bound : how much smaller the last becomes than the second by the joint
+        posterior of rig and frames, the Cramér–Rao bound of the same information.
     stiffness, focal, pose : errors of the calibration in its standard deviations.
     shared_mm, forecast_mm, followed_mm : deviation of distance that all frames share; as forecast with what the
         calibration advises to observe; and as it is with that.
@@ -59,6 +60,7 @@ class Row:
     silent: int = column("silent", "d")
     true_mm: float = column("true rig mm", ".2f")
     true_held: float = column("held %", ".0f", 100.0)
+    alone_mm: float = column("alone mm", ".2f")
     rms_mm: float = column("rms mm", ".2f")
     refined_mm: float = column("refined", ".2f")
     bound: float = column("bound", ".2f")
@@ -91,6 +93,7 @@ def row_of_world(world: World, found: Outcome) -> Row:
         silent=ours.silent if ours else 0,
         true_mm=1e3 * _median(true.error_m if true else None),
         true_held=_held(true),
+        alone_mm=1e3 * rms(found.alone.error_m) if found.alone else np.nan,
         rms_mm=1e3 * rms(ours.error_m) if ours else np.nan,
         refined_mm=1e3 * rms(found.refined.error_m) if found.refined else np.nan,
         bound=rms(ours.std_m) / rms(found.refined.std_m) if ours and found.refined else np.nan,
@@ -151,6 +154,7 @@ def summary(results: Sequence[tuple[Row, Outcome]]) -> dict[str, float]:
         "worst_held": min((row.held for row in rows if np.isfinite(row.held)), default=np.nan),
         "pulls_within_3": float((pulls[np.isfinite(pulls)] < 3.0).mean()) if len(pulls) else np.nan,
         "refine_gains_median": float(np.median(refined)) if refined else np.nan,
+        "refined_of_alone_median": float(np.nanmedian([row.alone_mm / row.refined_mm for row in rows])),
         "refine_bound_median": float(np.nanmedian([row.bound for row in rows])),
         "refined": len(refined) / max(len(ours), 1),
         "relative_median": float(np.median(relative)) if len(relative) else np.nan,
@@ -179,7 +183,8 @@ def lines(found: dict[str, float]) -> str:
             f"shared error (median), {found['followed_over_forecast']:.2f} times the forecast, 90th percentile "
             f"{found['followed_over_forecast_90']:.2f}",
             f"refine: {100 * found['refined']:.0f} % of worlds (95), rms smaller by {found['refine_gains_median']:.2f} "
-            f"(1.3; the same information has {found['refine_bound_median']:.2f}); clean loads left out "
+            f"(1.3; the same information has {found['refine_bound_median']:.2f}), by "
+            f"{found['refined_of_alone_median']:.2f} than with the calibration alone; clean loads left out "
             f"{found['loads_left_out']} (0)",
         ]
     )
