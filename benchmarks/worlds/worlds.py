@@ -206,9 +206,9 @@ def figure(rows: Sequence[Row]) -> Figure:
 
 
 def measure(options: Options) -> Findings:
-    """Every world; a draw is a rig with its pictures, calibration and recording. For every twenty there is one more
+    """Every world; a draw is a rig with its pictures, calibration and recording. For every ten there is one more
     with a thin wire along the rows, in all variants of pictures."""
-    results, along_rows = run(options), run_aligned(options.seed, max(options.draws // 20, 1))
+    results, along_rows = run(options), run_aligned(options.seed, max(options.draws // 10, 1))
     rows, found = [row for row, _ in results], summary(results)
     heard = "\n".join(f"{row.world}: {row.words}" for row in rows if row.words not in ("", "none"))
     return Findings(
