@@ -44,6 +44,15 @@ class Bound:
         kept = [0, 2, 3]
         return self.joint[:, kept][:, :, kept]
 
+    def drawn(self, which: np.ndarray, draws: int) -> np.ndarray:
+        """(draws, K, 3) errors of l, f_y and f_z of the picked frames, normally distributed; NaN without a bound."""
+        rng, covariance = np.random.default_rng(0), self.covariance[which]
+        known = np.isfinite(covariance).all(axis=(1, 2))
+        found = np.full((draws, len(covariance), 3), np.nan)
+        root = np.linalg.cholesky(covariance[known])
+        found[:, known] = np.einsum("kij,dkj->dki", root, rng.normal(size=(draws, int(known.sum()), 3)))
+        return found
+
     @property
     def force_std(self) -> np.ndarray:
         """(B,) least root mean square of the force's error as a vector."""
