@@ -33,8 +33,8 @@ CXX_CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b(?=[^=;(,]*=)")
 MOST = {
     "module constants": 890,
     "class names used twice": 0,
-    "classes": 458,
-    "public names": 1112,
+    "classes": 457,
+    "public names": 1111,
     "private words": 53,
     "type: ignore": 4,
     "words on pages": 29964,

@@ -533,12 +533,12 @@ def _equations(found: SurfaceFit, index: int, reach: _Reach, seen: _Offered, m: 
 def _seen(solution: ShapeSolution, index: int, new: ShapeEquations) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """M new equations added to those solved: (K, M) their covariance whitened by the old ones; their covariance (M,
     M) without the compliance's; their sensitivity (M,) to the compliance beyond what the old ones predict, N."""
-    model = solution.patches[index]
-    modes = np.concatenate([each.equations.modes for each in solution.patches])
+    prior = solution.priors[index]
+    modes = np.concatenate([each.modes for each in solution.equations])
     old = new.modes @ modes.T + solution.seen_by(index, new.rows)
     half = solve_triangular(solution.lower, old.T, lower=True, check_finite=False)
-    whole = covariance(new.rows, new.rows, model.prior) + new.noise + new.modes @ new.modes.T
-    whole += np.diag((model.slack_rad * new.slack) ** 2)
+    whole = covariance(new.rows, new.rows, prior) + new.noise + new.modes @ new.modes.T
+    whole += np.diag((prior.slack_rad * new.slack) ** 2)
     return half, whole - half.T @ half, new.force_N - old @ solution.lift
 
 
@@ -559,7 +559,7 @@ def _of_surface(found: SurfaceFit, reach: _Reach, seen: _Offered) -> tuple[float
     for index, view in enumerate(rows):
         old = solution.seen_by(index, view)
         halves.append(solve_triangular(solution.lower, old.T, lower=True, check_finite=False))
-        now.append(np.maximum(variance(view, solution.patches[index].prior) - np.sum(halves[-1] ** 2, axis=0), 0.0))
+        now.append(np.maximum(variance(view, solution.priors[index]) - np.sum(halves[-1] ** 2, axis=0), 0.0))
     count = sum(map(len, targets))
     whole = float(np.sum(np.concatenate(now)))
     after = np.full(len(reach), np.nan)
@@ -568,7 +568,7 @@ def _of_surface(found: SurfaceFit, reach: _Reach, seen: _Offered) -> tuple[float
         new = _equations(found, index, reach, seen, m)
         whitened, left, _ = _seen(solution, index, new)
         with_targets = [-half.T @ whitened for half in halves]
-        with_targets[index] += covariance(rows[index], new.rows, solution.patches[index].prior)
+        with_targets[index] += covariance(rows[index], new.rows, solution.priors[index])
         cross = np.concatenate(with_targets)
         for place, row in enumerate(m.tolist()):
             own = _own(place, len(m), len(new))

@@ -112,7 +112,7 @@ def fitted(touches: Touches, antenna_radius_m: np.ndarray | float) -> tuple[Surf
     if (
         len(touches) >= SurfaceSettings.fewest_scattered
     ):  # how far they lie off what the others predict, in deviations of that
-        points = np.concatenate([patch.equations.slack == 0 for patch in found.solution.patches])
+        points = np.concatenate([each.slack == 0 for each in found.solution.equations])
         scale = float(np.median(np.abs(found.solution.leave_one_out_residuals)[points])) / NORMAL_QUARTILE
     if not known or scale > SurfaceSettings.tolerated_scatter:
         touches = replace(touches, own_m2=scale**2 * touches.own_m2)

@@ -12,7 +12,7 @@ from scipy.sparse.linalg import eigsh
 
 from estimator.object.surface.patches import LocalTouches, Patch, curve, facing, group, height_field
 from estimator.object.surface.settings import SurfaceSettings
-from estimator.object.surface.solution import PatchModel, ShapeSolution, SmoothnessPrior, learn_prior, solve
+from estimator.object.surface.solution import ShapeSolution, SmoothnessPrior, learn_prior, solve
 from estimator.object.surface.touches import Touches
 from vbaa_calib.geometry.independent_axes import largest_std
 
@@ -28,7 +28,7 @@ class _FitState:
     compliance_m_N: float  # in the points
     slope: np.ndarray  # (P, 2) as `LocalTouches`'
     bend_per_m: np.ndarray  # (P, 2, 2)
-    priors: tuple[tuple[SmoothnessPrior, float] | None, ...]  # each patch's, with the tangents' slack
+    priors: tuple[SmoothnessPrior | None, ...]  # each patch's
     widened: np.ndarray  # (P,) factor on each touch's own covariance
     vague: np.ndarray  # (P,) touches that are not used
 
@@ -121,7 +121,7 @@ def fit(
         state = replace(state, compliance_m_N=0.0)
     for turn in range(SurfaceSettings.most_rounds):
         points, seen = _surface_points(touches, antenna_radius_m, patches, state)
-        fitted, priors = [], []
+        equations, priors = [], []
         for patch, local, prior in zip(patches, seen, state.priors, strict=True):
             stated = height_field(local) if patch.wide else curve(local)
             if prior is None or turn < SurfaceSettings.learning_rounds:
@@ -129,8 +129,8 @@ def fit(
                 largest = extent / max(float(np.abs(stated.force_N).max()), 1e-12)
                 prior = learn_prior(stated, extent, prior, largest if yielding else 0.0)
             priors.append(prior)
-            fitted.append(PatchModel(stated, *prior))
-        solution = solve(tuple(fitted), yielding)
+            equations.append(stated)
+        solution = solve(tuple(equations), tuple(priors), yielding)
         normals = _estimate_normals(touches, patches, solution, seen)
         before = widened = state.widened
         if 0 < turn < SurfaceSettings.most_rounds - 1:  # those that do not belong
@@ -205,7 +205,7 @@ def _next_shape(
         m, x = patch.members, local.point_m[:, : patch.dimensions]
         at = solution.mean(index, patch.slope_rows(x)).reshape(2, len(m)).T
         slope[m] = np.clip(at, -SurfaceSettings.steepest, SurfaceSettings.steepest)
-        step = 0.05 * solution.patches[index].prior.length_m
+        step = 0.05 * solution.priors[index].length_m
         for axis in range(patch.dimensions):
             shifted = solution.mean(index, patch.slope_rows(x + step * np.eye(patch.dimensions)[axis]))
             bend[m, :, axis] = np.clip(
@@ -264,7 +264,7 @@ def _estimate_normals(
         views.append((index, rows))
         slope = solution.mean(index, rows).reshape(2, size).T
         if patch.wide:
-            found, turns, left = _of_field(local, slope, solution.patches[index].slack_rad)
+            found, turns, left = _of_field(local, slope, solution.priors[index].slack_rad)
         else:
             found, turns, left = _of_curve(local, slope, touches.force_N[m] @ frame.T)
         normal[m], by_slope[m], own[m] = found @ frame, frame.T[None] @ turns, frame.T @ left @ frame

@@ -41,12 +41,13 @@ class Functionals(Rows):
 
 @dataclass(frozen=True)
 class SmoothnessPrior:
-    """Prior of a function: a Matérn process and a linear trend."""
+    """Prior of a patch's shape, a Matérn process and a linear trend, and of its tangents' errors."""
 
     length_m: float  # of the process
     amplitude_m: float  # of the process
     offset_m: float  # standard deviation of the trend
     incline: float  # of its slope
+    slack_rad: float = 0.0  # standard deviation of the observed tangents beyond what is known
 
     @property
     def steepness(self) -> float:
@@ -93,33 +94,20 @@ class ShapeEquations:
     def __len__(self) -> int:
         return len(self.y)
 
-
-@dataclass(frozen=True, eq=False)
-class PatchModel:
-    """The equations of a patch and the prior of its shape."""
-
-    equations: ShapeEquations
-    prior: SmoothnessPrior
-    slack_rad: float  # the tangents' standard deviation beyond what is known
-
-    @property
-    def own(self) -> np.ndarray:
+    def own(self, prior: SmoothnessPrior) -> np.ndarray:
         """(M, M) covariance of the equations without the shared errors."""
-        own = self.seen_by(self.equations.rows)
-        own += self.equations.noise
-        np.einsum("mm->m", own)[:] += (self.slack_rad * self.equations.slack) ** 2
+        own = covariance(self.rows, self.rows, prior)
+        own += self.noise
+        np.einsum("mm->m", own)[:] += (prior.slack_rad * self.slack) ** 2
         return own
-
-    def seen_by(self, rows: Functionals) -> np.ndarray:
-        """(Q, M) prior covariance of functionals with the patch's equations."""
-        return covariance(rows, self.equations.rows, self.prior)
 
 
 @dataclass(frozen=True, eq=False)
 class ShapeSolution:
     """Joint posterior of all patches."""
 
-    patches: tuple[PatchModel, ...]
+    equations: tuple[ShapeEquations, ...]  # of each patch
+    priors: tuple[SmoothnessPrior, ...]  # of each patch
     start: np.ndarray  # (patches,) where their equations begin
     lower: np.ndarray  # (M, M) Cholesky factor of the covariance of y
     weights: np.ndarray  # (M,) covariance⁻¹ (y − compliance · force)
@@ -130,35 +118,38 @@ class ShapeSolution:
     def seen_by(self, patch: int, rows: Functionals) -> np.ndarray:
         """(Q, M) prior covariance of a patch's functionals with all equations."""
         result = np.zeros((len(rows), len(self.weights)))
-        result[:, self._of(patch)] = self.patches[patch].seen_by(rows)
+        result[:, self._of(patch)] = self._own_seen_by(patch, rows)
         return result
 
+    def _own_seen_by(self, patch: int, rows: Functionals) -> np.ndarray:
+        return covariance(rows, self.equations[patch].rows, self.priors[patch])
+
     def _of(self, patch: int) -> slice:
-        return slice(self.start[patch], self.start[patch] + len(self.patches[patch].equations))
+        return slice(self.start[patch], self.start[patch] + len(self.equations[patch]))
 
     def mean(self, patch: int, rows: Functionals) -> np.ndarray:
         """(Q,) posterior means of functionals of a patch's undeformed shape."""
-        return self.patches[patch].seen_by(rows) @ self.weights[self._of(patch)]
+        return self._own_seen_by(patch, rows) @ self.weights[self._of(patch)]
 
     def spread(self, patch: int, rows: Functionals) -> np.ndarray:
         """(Q,) posterior standard deviations of functionals of a patch's undeformed shape."""
         seen = self.seen_by(patch, rows)
         half = solve_triangular(self.lower, seen.T, lower=True, check_finite=False)
-        left = variance(rows, self.patches[patch].prior) - np.sum(half**2, axis=0)
+        left = variance(rows, self.priors[patch]) - np.sum(half**2, axis=0)
         left += (seen @ self.lift) ** 2 * self.variance
         return np.sqrt(np.maximum(left, 0.0))
 
     def joint(self, views: list[tuple[int, Functionals]]) -> np.ndarray:
         """(Q, Q) posterior covariance of functionals of several patches, concatenated."""
         seen = np.concatenate([self.seen_by(patch, rows) for patch, rows in views])
-        prior = block_diag(*(covariance(rows, rows, self.patches[patch].prior) for patch, rows in views))
+        prior = block_diag(*(covariance(rows, rows, self.priors[patch]) for patch, rows in views))
         half = solve_triangular(self.lower, seen.T, lower=True, check_finite=False)
         lifted = seen @ self.lift
         return prior - half.T @ half + self.variance * np.outer(lifted, lifted)
 
     def joint_in_place(self, patch: int, rows: Functionals) -> np.ndarray:
         """(N, 2, 2) posterior covariances of the first N functionals of a patch with the last N, at the same places."""
-        seen, count, prior = self.seen_by(patch, rows), len(rows) // 2, self.patches[patch].prior
+        seen, count, prior = self.seen_by(patch, rows), len(rows) // 2, self.priors[patch]
         half = solve_triangular(self.lower, seen.T, lower=True, check_finite=False)
         lifted, sides = seen @ self.lift, [slice(0, count), slice(count, None)]
         found = np.empty((count, 2, 2))
@@ -187,12 +178,12 @@ def _factor(matrix: np.ndarray) -> np.ndarray:
     raise LinAlgError("the covariance of the touches is not positive definite")
 
 
-def solve(patches: tuple[PatchModel, ...], yielding: bool) -> ShapeSolution:
-    """Solve all patches jointly. yielding : whether with a compliance; otherwise the object is rigid."""
-    every = [fitted.equations for fitted in patches]
+def solve(every: tuple[ShapeEquations, ...], priors: tuple[SmoothnessPrior, ...], yielding: bool) -> ShapeSolution:
+    """Solve all patches jointly, from the equations and the prior of each. yielding : whether with a compliance;
+    otherwise the object is rigid."""
     modes = np.concatenate([each.modes for each in every])
     y, force = np.concatenate([each.y for each in every]), np.concatenate([each.force_N for each in every])
-    lower = _factor(block_diag(*(fitted.own for fitted in patches)) + modes @ modes.T)
+    lower = _factor(block_diag(*(each.own(prior) for each, prior in zip(every, priors, strict=True))) + modes @ modes.T)
     weights, lift = cho_solve((lower, True), y), cho_solve((lower, True), force)
     compliance = spread = 0.0
     information = float(force @ lift)
@@ -201,13 +192,13 @@ def solve(patches: tuple[PatchModel, ...], yielding: bool) -> ShapeSolution:
         compliance = spread * float(lift @ y)
         weights = weights - compliance * lift
     start = np.cumsum([0, *map(len, every[:-1])])
-    return ShapeSolution(patches, start, lower, weights, lift, compliance, spread)
+    return ShapeSolution(every, priors, start, lower, weights, lift, compliance, spread)
 
 
 def learn_prior(
-    equations: ShapeEquations, extent_m: float, start: tuple[SmoothnessPrior, float] | None, yield_per_N: float
-) -> tuple[SmoothnessPrior, float]:
-    """The most probable prior of the shape and slack of the tangents, rad. start : an earlier one. extent_m : the
+    equations: ShapeEquations, extent_m: float, start: SmoothnessPrior | None, yield_per_N: float
+) -> SmoothnessPrior:
+    """The most probable prior of a patch. start : an earlier one. extent_m : the
     patch's. yield_per_N : the largest compliance, m/N, zero for none."""
     extent_m = max(extent_m, 1e-3)
     count = min(len(equations), SurfaceSettings.most_equations)
@@ -218,20 +209,19 @@ def learn_prior(
     fixed = equations.noise[np.ix_(thin, thin)] + modes @ modes.T
     free = 3 if slack.any() else 2
 
-    def prior_of(logs: np.ndarray) -> tuple[SmoothnessPrior, float]:
+    def prior_of(logs: np.ndarray) -> SmoothnessPrior:
         length, amplitude, turn = np.exp(np.clip(np.concatenate([logs, _BEST[len(logs) :]]), _LOWEST, _HIGHEST))
-        return SmoothnessPrior(length * extent_m, amplitude * extent_m, 10 * extent_m, SurfaceSettings.incline), float(
-            turn
-        )
+        lengths_m = length * extent_m, amplitude * extent_m, 10 * extent_m
+        return SmoothnessPrior(*lengths_m, SurfaceSettings.incline, float(turn))
 
     def improbability(logs: np.ndarray) -> tuple[float, np.ndarray]:
         """The negative log posterior and its gradient (Rasmussen and Williams, Eqs. 2.43 and 5.9).
 
         The trend's variance is so large that in one sum with the rest it would take half of the digits.
         """
-        prior, turn = prior_of(logs)
+        prior = prior_of(logs)
         shape, by_log_length = core.surface.covariance(rows, rows, replace(prior, offset_m=0.0, incline=0.0), True)
-        doubt = (turn * slack) ** 2
+        doubt = (prior.slack_rad * slack) ** 2
         whole = shape + fixed
         np.einsum("mm->m", whole)[:] += doubt
         try:
@@ -261,7 +251,7 @@ def learn_prior(
 
     first, low, high = _BEST[:free], _LOWEST[:free], _HIGHEST[:free]
     if start is not None:
-        first = np.log([start[0].length_m / extent_m, start[0].amplitude_m / extent_m, start[1]])[:free]
+        first = np.log([start.length_m / extent_m, start.amplitude_m / extent_m, start.slack_rad])[:free]
     bounds = list(zip(low, high, strict=True))
     found = minimize(improbability, np.clip(first, low, high), jac=True, method="L-BFGS-B", bounds=bounds)
     return prior_of(_newton(found.x, lambda logs: improbability(logs)[1]))

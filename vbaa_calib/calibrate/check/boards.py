@@ -71,7 +71,12 @@ def check_lens(
     views, dropped = _posed(camera, boards, board) if boards else ([], [])
     if not views:
         why = "no usable picture of the board" if boards else "no picture of the board (intrinsics/, plane/)"
-        nothing = {"boards": [], "boards_dropped": [], "boards_rms_px": None, "boards_expected_rms_px": None}
+        nothing: dict[str, Any] = {
+            "boards": [],
+            "boards_dropped": [],
+            "boards_rms_px": None,
+            "boards_expected_rms_px": None,
+        }
         return (unanswered("lens_fit", why), unanswered("lens_focus", why)), nothing
     # without what the views' own poses explain
     blocks = []
