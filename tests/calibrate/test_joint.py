@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle, noise_scale
 from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, Prior
 from vbaa_calib.calibrate.antenna.session_rig import prior, solve_antenna
 from vbaa_calib.calibrate.doubts import _row_doubts as row_doubts
@@ -248,6 +248,14 @@ def test_a_thread_over_the_antenna_is_left_out_and_its_load_stays() -> None:
     assert [one.severity for one in named] == ["note", "note"]
     moved = (joint.parameters - clean.parameters) / np.sqrt(np.diag(clean.covariance)[:17])
     assert np.abs(moved).max() < 1.0
+
+
+def test_lines_that_state_too_much_do_not_make_the_others_surer() -> None:
+    """Two thin lines along rows of seven lines: their errors are shared, and stated four times too large."""
+    rng = np.random.default_rng(3)
+    lines = [rng.normal(0.0, size, 300) for size in (1.0, 0.25, 1.0, 1.0, 0.25, 1.0, 1.0)]
+    assert noise_scale(lines) == pytest.approx(1.0, abs=0.1)
+    assert noise_scale([3.0 * one for one in lines]) == pytest.approx(3.0 * noise_scale(lines))
 
 
 def test_what_no_parameter_explains_widens_the_covariance() -> None:

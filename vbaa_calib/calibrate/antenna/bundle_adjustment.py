@@ -483,16 +483,17 @@ def _tip(problem: Problem, evaluated: Evaluation, root: np.ndarray) -> Tip | Non
 
 
 def noise_scale(residuals: Sequence[np.ndarray]) -> float:
-    """Ratio of the points' effective standard deviation, when many are averaged, to the stated one.
+    """Ratio of the points' effective standard deviation, when many are averaged, to the stated one: the median over
+    the lines (N,), of which one that states more than it has says nothing of the others.
 
     Measured on means of runs of neighbours, which also sees errors that neighbours share.
     """
-    runs = [
-        r[: len(r) // AntennaSettings.run * AntennaSettings.run].reshape(-1, AntennaSettings.run).mean(axis=1)
-        for r in residuals
-    ]
-    spread = MAD_SCALE * np.sqrt(AntennaSettings.run) * float(np.median(np.abs(np.concatenate(runs))))
-    return float(max(spread, mad_std(np.concatenate(residuals)), 0.2))
+    size, found = AntennaSettings.run, list[tuple[float, float]]()
+    for points in residuals:
+        runs = points[: len(points) // size * size].reshape(-1, size).mean(axis=1)
+        spread = MAD_SCALE * np.sqrt(size) * float(np.median(np.abs(runs))) if len(runs) else 0.0
+        found.append((spread, mad_std(points)))
+    return float(max(*np.median(found, axis=0), 0.2))
 
 
 def _rows_of_table(frames: Sequence[Still]) -> list[tuple[str, int]]:
