@@ -19,7 +19,7 @@ from tests.estimator.drawn_frames import path_px, rig_of, shape
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Kinematics, Pose
-from vbaa_calib.geometry.independent_axes import is_covariance
+from vbaa_calib.geometry.covariance import is_covariance
 from vbaa_calib.rig import RIG_PARAMETERS, Antenna, AntennaImage, MomentSensor, Rig, Tip, WrenchSensor
 from vbaa_calib.session import DRIFTS
 

@@ -15,7 +15,7 @@ from scipy.stats import norm
 from benchmarks.estimator.scenes import Scenes, Shapes, Touches, bending_at, rod_shapes, seen
 from benchmarks.harness import concatenated
 from vbaa_calib.antenna.rungs import RUNGS
-from vbaa_calib.geometry.independent_axes import independent_axes
+from vbaa_calib.geometry.covariance import independent_axes
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, RIG_STEPS, Rig
 
 STEP = 1e-4

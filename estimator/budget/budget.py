@@ -22,8 +22,8 @@ from estimator.solver.frames import Frames
 from estimator.solver.linearised import edge_on, linearised
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from estimator.table.contacts import FRICTION_RAD
-from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.antenna.rungs import REFERENCE
+from vbaa_calib.antenna.shape import CONTACT
 from vbaa_calib.calibrate.antenna.problem import GAIN, OFFSET
 from vbaa_calib.calibrate.guide.next_observation import further_observations
 from vbaa_calib.calibrate.guide.settings import GuideSettings

@@ -10,7 +10,7 @@ from estimator.solver.frames import Frames, frames_from_pixels
 from estimator.solver.linearised import bend, linearised
 from estimator.solver.rig_arrays import ANTENNA, POSES, UNKNOWNS, RigArrays
 from estimator.table.contacts import ContactTable, joint_angles
-from vbaa_calib.antenna.nodes import CONTACT
+from vbaa_calib.antenna.shape import CONTACT
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
 from vbaa_calib.session import READINGS
 

@@ -96,8 +96,8 @@ def _contact(
     ordinary: bool,
     more: tuple[Rig, str, int, np.ndarray | None],
 ) -> Contact:
-    """A contact of its numbers and status by name, of the fit of that index. more : rig, the requested model, points
-    outside the picture, and those that each of several cameras saw."""
+    """The contact of one frame, from its numbers and status by name and the fit of that index. more : rig, the
+    requested model, points outside the picture, and those that each of several cameras saw."""
     (rig, requested, outside, seen), row = more, numbers.rows[index]
     bias = zip(RUNGS, row["bias"].tolist(), strict=True)
     status = "" if values["status"] == OK and ordinary else values["status"]

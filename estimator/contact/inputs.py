@@ -414,8 +414,8 @@ def _about_curve(
 def _apart(points_px: np.ndarray, neighbours: int) -> np.ndarray:
     """(N,) distance of each of the points (N, 2), N ≥ 5, from its fourth-nearest neighbour.
 
-    Along a line the nearest are among the next few in the order of one coordinate; a tree, which takes longer to load
-    than a contact to find, finds them where they need not be.
+    Along a line the nearest are mostly among the next few in the order of one coordinate; only where they may not be, a
+    search tree is used, which takes longer to load than a contact takes to find.
     """
     axis = int(np.argmax(np.ptp(points_px, axis=0)))
     order = np.argsort(points_px[:, axis], kind="stable")

@@ -15,8 +15,8 @@ from estimator.contact.inputs import Batch
 from estimator.contact.settings import ContactSettings
 from estimator.solver.linearised import LinearisedFrames, free_antennas, linearised
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
-from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.antenna.rungs import REFERENCE
+from vbaa_calib.antenna.shape import CONTACT
 from vbaa_calib.core.arrays import Rows
 from vbaa_calib.core.robust import huber_weights
 from vbaa_calib.native import core

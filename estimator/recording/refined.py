@@ -20,8 +20,8 @@ from estimator.recording.views import Pictures, completed, pictures_of
 from estimator.solver.linearised import bend, linearised
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from estimator.table.contacts import COLUMNS, FRICTION_RAD, ContactTable, Measured, joint_angles
-from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.antenna.rungs import REFERENCE
+from vbaa_calib.antenna.shape import CONTACT
 from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.robust import finite_or_none

@@ -7,10 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from vbaa_calib.antenna import linear
-from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.antenna.rod import Rod, RodShape, sample_shape, solve_rod
 from vbaa_calib.antenna.rungs import RUNGS, curves
-from vbaa_calib.antenna.shape import Curves, bend
+from vbaa_calib.antenna.shape import CONTACT, Curves, bend
 from vbaa_calib.antenna.taper import UNIFORM
 from vbaa_calib.geometry import Pose
 from vbaa_calib.native import core

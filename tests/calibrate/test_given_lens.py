@@ -20,7 +20,7 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.cli.main import main
 from vbaa_calib.convert import FORMATS
 from vbaa_calib.convert.values import Exchanged
-from vbaa_calib.geometry.independent_axes import independent_axes
+from vbaa_calib.geometry.covariance import independent_axes
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session
 from vbaa_calib.simulate.scene.scene_file import load_scene

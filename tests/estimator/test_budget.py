@@ -29,10 +29,10 @@ from estimator.budget.budget import (
 )
 from estimator.contact.settings import ContactSettings
 from estimator.solver.rig_arrays import RigArrays
-from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.antenna.rungs import curves
+from vbaa_calib.antenna.shape import CONTACT
 from vbaa_calib.geometry import Kinematics
-from vbaa_calib.geometry.independent_axes import independent_axes
+from vbaa_calib.geometry.covariance import independent_axes
 from vbaa_calib.rig import RIG_PARAMETERS, Rig
 
 LENS_STD = np.array([0.2, 0.2, 0.25, 0.25, 6e-4, 2e-3, 5e-5, 5e-5])

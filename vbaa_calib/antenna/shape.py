@@ -9,7 +9,6 @@ import numpy as np
 from vbaa_calib.core.arrays import Rows
 from vbaa_calib.native import core
 
-from .nodes import CONTACT, aligned_arclength
 from .taper import UNIFORM, Taper
 
 PARAMETERS = (
@@ -27,6 +26,16 @@ PARAMETERS = (
 
 No clamp is rigid: it turns with the moment that it holds, as if a short piece of the antenna, `clamp_give_m` long, bent
 inside it."""
+CONTACT: int = core.antenna.NODES_TO_CONTACT - 1
+"""The contact's node of a shape (`nodes.hpp` of the core)."""
+
+
+def aligned_arclength(contact_m: np.ndarray, length_m: float) -> np.ndarray:
+    """(B, N) arc lengths of nodes from clamp to tip, one of them at the contact, where the shape's curvature has a
+    kink."""
+    contact = contact_m[:, None]
+    beyond = contact + (length_m - contact) * np.linspace(0.0, 1.0, core.antenna.NODES_BEYOND + 1)[1:]
+    return np.concatenate([contact * np.linspace(0.0, 1.0, core.antenna.NODES_TO_CONTACT), beyond], -1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from vbaa_calib.core.errors import Diagnosis, InputError, Severity, VbaaError
 from vbaa_calib.core.files import read_json, sha256
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.diagnose.boards import lens_reading_diagnoses
-from vbaa_calib.geometry.independent_axes import independent_axes
+from vbaa_calib.geometry.covariance import independent_axes
 
 from .check.boards import FOCUS, check_lens
 from .check.finding import FAILS, HOLDS, Discrepancy, at

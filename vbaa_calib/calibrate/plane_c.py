@@ -25,7 +25,7 @@ from vbaa_calib.detect.board.corners import BoardView, detect_files, detect_fold
 from vbaa_calib.detect.over_board.line import LineEnd
 from vbaa_calib.diagnose.jig import JigEvidence, jig_diagnoses
 from vbaa_calib.geometry import Kinematics
-from vbaa_calib.geometry.independent_axes import conditioned
+from vbaa_calib.geometry.covariance import conditioned
 from vbaa_calib.session import OverBoard, Session, Still, has_over, has_sweep, read_noload, read_sweep
 
 

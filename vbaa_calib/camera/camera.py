@@ -13,7 +13,7 @@ import numpy as np
 from vbaa_calib.core.arrays import ArrayT, gate, is_tensor, masked, of_shape, working
 from vbaa_calib.core.errors import InputError, quoted
 from vbaa_calib.core.files import read_json, write_json
-from vbaa_calib.geometry.independent_axes import is_covariance
+from vbaa_calib.geometry.covariance import is_covariance
 
 from .lens import Intrinsics, from_core, lens_of
 from .models import MODELS, LensModel

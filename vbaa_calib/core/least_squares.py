@@ -108,8 +108,8 @@ MIN_INFORMATION = 0.05
 def disagreement(information: np.ndarray, pull: np.ndarray, total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """χ² and degrees of freedom, both (G,), of the disagreement of groups of residuals with all the others.
 
-    A group that belongs, with information S, pulls at the common solution with a force r of covariance S − S·H⁻¹·S,
-    H the information of all. Only directions are counted in which it tells something.
+    Where a group of information S agrees with the others, its gradient r at the common solution has the covariance
+    S − S·H⁻¹·S, H the information of all. Only directions in which the group has information count.
 
     information : (G, S, S), pull : (G, S), in units of the prior's deviations. total : (S, S).
     """

@@ -17,7 +17,7 @@ from vbaa_calib.core.arrays import as_floats, fixed, gate, of_shape, real_gravit
 from vbaa_calib.core.errors import InputError, Verdict, quoted
 from vbaa_calib.core.files import read_json, write_json
 from vbaa_calib.geometry import PLANE_C, Kinematics, Plane, Pose
-from vbaa_calib.geometry.independent_axes import independent_axes, is_covariance
+from vbaa_calib.geometry.covariance import independent_axes, is_covariance
 from vbaa_calib.session import DRIFTS, READINGS, Drift, MomentSensor, MovingClamp
 
 from .parts import (

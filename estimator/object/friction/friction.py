@@ -365,7 +365,7 @@ def _judge(rubs: _FrictionTouches, mu: _Coefficient | None) -> tuple[bool, str, 
 
 
 def _bound_words(bounds: np.ndarray) -> str:
-    """The existing ones of bounds (2,) in words, to be appended to a sentence."""
+    """The lower and the upper bound (2,), as far as there are any, in words to be appended to a sentence."""
     low, high = np.floor(100.0 * bounds[0]) / 100.0, np.ceil(100.0 * bounds[1]) / 100.0
     if bounds[0] > 0.005 and high < np.inf:
         return f"; μ lies from {low:.2f} to {high:.2f} (each bound 95 %)"

@@ -27,8 +27,8 @@ from estimator.solver.frames import Frames
 from estimator.solver.linearised import bend, linearised
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from estimator.table.contacts import ContactTable, joint_angles
-from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.antenna.rungs import REFERENCE
+from vbaa_calib.antenna.shape import CONTACT
 from vbaa_calib.core.arrays import Rows, gate
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig

@@ -14,7 +14,7 @@ from estimator.object.surface.patches import LocalTouches, Patch, curve, facing,
 from estimator.object.surface.settings import SurfaceSettings
 from estimator.object.surface.solution import ShapeSolution, SmoothnessPrior, learn_prior, solve
 from estimator.object.surface.touches import Touches
-from vbaa_calib.geometry.independent_axes import largest_std
+from vbaa_calib.geometry.covariance import largest_std
 
 _Turned = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Normals (N, 3) of a patch's touches in its frame, (N, 3, 2) how slopes turn them, own covariance (N, 3, 3)."""

@@ -31,7 +31,7 @@ from estimator.object.track.onset import (
 from estimator.table.contacts import LOCATED, ContactTable
 from vbaa_calib.core.robust import NORMAL_QUARTILE
 from vbaa_calib.geometry import Kinematics
-from vbaa_calib.geometry.independent_axes import largest_std
+from vbaa_calib.geometry.covariance import largest_std
 from vbaa_calib.rig import Rig
 
 

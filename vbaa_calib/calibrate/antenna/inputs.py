@@ -17,7 +17,7 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.detect.whisker.locking import locking_std
 from vbaa_calib.detect.whisker.paint import Paint
 from vbaa_calib.geometry import Pose
-from vbaa_calib.geometry.independent_axes import independent_axes
+from vbaa_calib.geometry.covariance import independent_axes
 from vbaa_calib.rig import WrenchSensor
 from vbaa_calib.session import Drift, Load, LoadReadings, Still
 

@@ -9,8 +9,7 @@ from typing import Any, cast
 import numpy as np
 from scipy.ndimage import median_filter
 
-from vbaa_calib.antenna.nodes import CONTACT
-from vbaa_calib.antenna.shape import bend
+from vbaa_calib.antenna.shape import CONTACT, bend
 from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, Prior, reading_keys
 from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN, LOG_STIFFNESS, OFFSET, Problem
 from vbaa_calib.calibrate.antenna.problem import RIG as LENS

@@ -23,7 +23,7 @@ from vbaa_calib.core.files import read_json, sha256
 from vbaa_calib.core.images import list_images
 from vbaa_calib.detect.board.board_file import with_ids
 from vbaa_calib.detect.board.corners import detect_files
-from vbaa_calib.geometry.independent_axes import largest_std
+from vbaa_calib.geometry.covariance import largest_std
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
 from vbaa_calib.session import (
     NominalAntenna,

@@ -16,7 +16,7 @@ from vbaa_calib.calibrate.lens.settings import LensSettings
 from vbaa_calib.camera import Camera
 from vbaa_calib.camera.lens import ray_derivatives
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.geometry.independent_axes import largest_std
+from vbaa_calib.geometry.covariance import largest_std
 
 
 def projection_uncertainty(

@@ -33,7 +33,7 @@ from vbaa_calib.detect.board.corners import BoardView, detect_corners
 from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.detect.over_board.line import BoardLine, LineEnd, PlaneAbove, find_over_board
 from vbaa_calib.geometry import Pose
-from vbaa_calib.geometry.independent_axes import independent_axes
+from vbaa_calib.geometry.covariance import independent_axes
 from vbaa_calib.rig.reprojection import ImageCurves, SeenPoints, feet, image_curves, see, whitened_with_lens
 from vbaa_calib.session import NominalAntenna
 

@@ -38,7 +38,7 @@ from vbaa_calib.core.robust import radial_std, soft_l1_weights
 from vbaa_calib.detect.board.corners import BoardView, require_corners
 from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.geometry import Pose
-from vbaa_calib.geometry.independent_axes import independent_axes, largest_std
+from vbaa_calib.geometry.covariance import independent_axes, largest_std
 
 from .board_pose import mirrored, require_size, start_poses, turn_between
 from .settings import HandEyeSettings

@@ -45,7 +45,7 @@ from vbaa_calib.core.robust import chi_square, chi_square_p, radial_std, soft_l1
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.geometry import Kinematics, Pose, rotation_world_antenna
-from vbaa_calib.geometry.independent_axes import largest_std
+from vbaa_calib.geometry.covariance import largest_std
 from vbaa_calib.session import Still
 
 _CAMERA = slice(0, 6)  # columns of a step: tangent of X,
