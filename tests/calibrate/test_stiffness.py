@@ -38,7 +38,7 @@ def noise(rng: np.random.Generator, x_m: np.ndarray, std_m: float, length_m: flo
 def stiff_table(rng: np.random.Generator, std_m: float = 3e-5, length_m: float = 0.0) -> DeflectionTable:
     """A rod like the real one, small deflections, with an offset of the gauge."""
     y = linear.deflection(X_m, LENGTH_m, FORCE_N, EI) + 7e-5 + noise(rng, X_m, std_m, length_m)
-    return DeflectionTable(X_m, np.zeros_like(X_m), y)
+    return DeflectionTable(X_m, np.zeros_like(X_m), y, FORCE_N, LENGTH_m)
 
 
 def write_table(path: Path, table: DeflectionTable) -> Path:
@@ -50,7 +50,7 @@ def write_table(path: Path, table: DeflectionTable) -> Path:
 
 def test_a_table_without_noise_gives_the_rod_back_to_the_last_digits() -> None:
     table = stiff_table(np.random.default_rng(0), std_m=0.0)
-    solution = solve_stiffness(table, FORCE_N, LENGTH_m, clamp_share_std=0.0)
+    solution = solve_stiffness(table, clamp_share_std=0.0)
     assert solution.fit.stiffness_Nm2 == pytest.approx(EI, rel=1e-9)
     assert solution.fit.offset_m == pytest.approx(7e-5, rel=1e-6)
     assert solution.outliers == ()
@@ -58,7 +58,7 @@ def test_a_table_without_noise_gives_the_rod_back_to_the_last_digits() -> None:
 
 def test_the_weight_of_a_sagging_rod_cancels() -> None:
     unloaded, loaded = rod_deflections(X_m, FORCE_N, LENGTH_m, EI, weight_kg_m=0.8)
-    solution = solve_stiffness(DeflectionTable(X_m, unloaded, loaded), FORCE_N, LENGTH_m)
+    solution = solve_stiffness(DeflectionTable(X_m, unloaded, loaded, FORCE_N, LENGTH_m))
     assert unloaded[-1] > 1e-4
     assert solution.fit.stiffness_Nm2 == pytest.approx(EI, rel=1e-3)
 
@@ -70,7 +70,7 @@ def test_a_whisker_bent_far_is_fitted_as_an_elastica(sign: float) -> None:
     x = np.linspace(0.01, 0.17, 20)
     _, loaded = rod_deflections(x, force, length, stiffness)
     unloaded = np.zeros_like(x)
-    fine = solve_stiffness(DeflectionTable(x, unloaded, loaded), force, length)
+    fine = solve_stiffness(DeflectionTable(x, unloaded, loaded, force, length))
     assert fine.model == "elastica"
     assert fine.fit.stiffness_Nm2 == pytest.approx(stiffness, rel=1e-3)
     assert abs(fine.linear_bias) > 0.01
@@ -83,7 +83,7 @@ def test_the_95_percent_interval_covers(correlation_length_m: float) -> None:
     inside = 0
     for _ in range(100):
         table = stiff_table(rng, length_m=correlation_length_m)
-        low, high = solve_stiffness(table, FORCE_N, LENGTH_m, clamp_share_std=0.0).interval_Nm2
+        low, high = solve_stiffness(table, clamp_share_std=0.0).interval_Nm2
         inside += low <= EI <= high
     assert 90 <= inside <= 99
 
@@ -99,8 +99,8 @@ def test_the_interval_covers_elasticas_and_clamps_that_turn() -> None:
     inside = 0
     for _ in range(100):
         turned = 0.02 * slope * rng.normal() * x
-        table = DeflectionTable(x, np.zeros_like(x), truth + turned + noise(rng, x, 2e-4, 0.02))
-        solution = solve_stiffness(table, force, length)
+        table = DeflectionTable(x, np.zeros_like(x), truth + turned + noise(rng, x, 2e-4, 0.02), force, length)
+        solution = solve_stiffness(table)
         assert solution.model == "elastica"
         assert solution.slope_at_load == pytest.approx(slope, rel=0.1)
         inside += solution.interval_Nm2[0] <= stiffness <= solution.interval_Nm2[1]
@@ -113,7 +113,9 @@ def real_rod(tmp_path: Path) -> Path:
     if not ROD1.is_file():
         pytest.skip("the measured rod is not at hand: ../shared/data/rod_deflection")
     x, unloaded, loaded = np.loadtxt(ROD1).T
-    return write_table(tmp_path / "rod1.csv", DeflectionTable(x / 100, unloaded / 1000, loaded / 1000))
+    return write_table(
+        tmp_path / "rod1.csv", DeflectionTable(x / 100, unloaded / 1000, loaded / 1000, FORCE_N, LENGTH_m)
+    )
 
 
 def test_the_real_rod(real_rod: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:

@@ -83,12 +83,10 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         raise InputError(f"--clamp-share is {args.clamp_share:g}", remedy="give a share from 0 (rigid) to 1")
     table = read_deflections(args.table, args.force_N, args.distance_m)
     try:
-        solution = solve_stiffness(
-            table, args.force_N, args.distance_m, offset=not args.no_offset, clamp_share_std=args.clamp_share
-        )
+        solution = solve_stiffness(table, offset=not args.no_offset, clamp_share_std=args.clamp_share)
     except InputError as error:
         raise InputError(error.what, where=args.table, remedy=error.remedy) from None
-    document = _stiffness_document(table, solution, args.force_N, args.distance_m, moment)
+    document = _stiffness_document(table, solution, moment)
     document |= {"inputs_sha256": {args.table.name: sha256(args.table)}, "command": list(args.argv)}
     _report(document)
     if args.output:
@@ -98,17 +96,15 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     return document
 
 
-def _stiffness_document(
-    table: DeflectionTable, solution: StiffnessSolution, force_N: float, distance_m: float, moment_m4: float | None
-) -> dict[str, Any]:
+def _stiffness_document(table: DeflectionTable, solution: StiffnessSolution, moment_m4: float | None) -> dict[str, Any]:
     def fields(of: object, *names: str) -> dict[str, Any]:
         return {name: getattr(of, name) for name in names}
 
     fit, rows = solution.fit, zip(table.x_m, table.deflection_m, solution.residuals_m, strict=True)
     document: dict[str, Any] = {
         "schema": "vbaa.stiffness/1",
-        "force_N": force_N,
-        "distance_m": distance_m,
+        "force_N": table.force_N,
+        "distance_m": table.distance_m,
         "readings": len(table.x_m),
         "stiffness_Nm2": fit.stiffness_Nm2,
         "stiffness_std_Nm2": fit.std_Nm2,

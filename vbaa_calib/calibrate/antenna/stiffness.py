@@ -35,17 +35,42 @@ _COLUMNS = ("x_m", "unloaded_y_m", "loaded_y_m")  # of the table
 
 @dataclass(frozen=True, eq=False)
 class DeflectionTable:
-    """N readings of a gauge along a clamped rod, without and with the load."""
+    """N readings of a gauge along a clamped rod, without and with a load at `distance_m` from the clamp."""
 
     x_m: np.ndarray  # (N,) strictly increasing, from the clamp along the undeflected rod
     unloaded_y_m: np.ndarray  # (N,) positive in the force's direction
     loaded_y_m: np.ndarray  # (N,)
+    force_N: float
+    distance_m: float
     resolution_m: float = 0.0  # the last decimal written down; 0: unknown
 
     @property
     def deflection_m(self) -> np.ndarray:
         """(N,) deflection added by the load: the gauge's constant errors along x, and the rod's sag and bow, cancel."""
         return self.loaded_y_m - self.unloaded_y_m
+
+    def forward(self, model: str, kept: np.ndarray | slice = slice(None)) -> Forward:
+        """Function of EI that gives the deflections at the readings, by the "linear" or the "elastica" model."""
+        return (_beam if model == "linear" else _elastica)(self.x_m[kept], self.force_N, self.distance_m)
+
+    @property
+    def least_std_m(self) -> float:
+        """Standard deviation of a difference of two readings that are rounded to their last decimal, or to float64."""
+        return max(self.resolution_m / np.sqrt(6.0), 1e-12 * float(np.abs(self.deflection_m).max()))
+
+    def screened(self, model: str, start_Nm2: float, offset: bool) -> _RodFit:
+        """Fits a model to the readings that are not outliers."""
+        shape = self.forward(model)(start_Nm2)
+        factor, intercept = _robust_line(shape, self.deflection_m, offset)
+        kept = ~_outlying(self.deflection_m - factor * shape - intercept, self.least_std_m)
+        return self.fitted(model, kept, start_Nm2, offset)
+
+    def fitted(self, model: str, kept: np.ndarray, start_Nm2: float, offset: bool, turning: bool = False) -> _RodFit:
+        """Fits a model to the readings of a mask (N,). offset, turning : whether the gauge's offset and the clamp are
+        free."""
+        x, y = self.x_m[kept], self.deflection_m[kept]
+        found = _gauss_newton(self.forward(model, kept), x, y, start_Nm2, offset=offset, turning=turning)
+        return _RodFit(self, model, kept, offset, *found)
 
 
 def read_deflections(path: Path, force_N: float, distance_m: float) -> DeflectionTable:
@@ -65,7 +90,7 @@ def read_deflections(path: Path, force_N: float, distance_m: float) -> Deflectio
     silent = Context(traps=[])  # of an exponent beyond decimals nothing is known
     digits = [Decimal(row[name], silent).as_tuple().exponent for row in rows for name in _COLUMNS[1:]]
     finest = min(exponent if isinstance(exponent, int) else -MAX_EMAX for exponent in digits)
-    return DeflectionTable(x, unloaded, loaded, 10.0**finest)
+    return DeflectionTable(x, unloaded, loaded, force_N, distance_m, 10.0**finest)
 
 
 def _check_load(force_N: float, distance_m: float) -> None:
@@ -343,13 +368,11 @@ class StiffnessSolution:
 
 def solve_stiffness(
     table: DeflectionTable,
-    force_N: float,
-    distance_m: float,
     *,
     offset: bool = True,
     clamp_share_std: float = AntennaSettings.clamp_share_std,
 ) -> StiffnessSolution:
-    """EI of the rod of a table, loaded by `force_N` at `distance_m` along it from the clamp.
+    """EI of the rod of a table.
 
     `offset` False fixes the gauge's offset at zero: right only where the gauge was read at the clamp and showed 0.
 
@@ -358,12 +381,11 @@ def solve_stiffness(
     InputError : force or distance impossible, or no bending that stands out from the scatter.
     SolveError : the fit does not converge.
     """
-    _check_load(force_N, distance_m)
-    bench = _Bench(table, force_N, distance_m)
-    compliance, _ = _robust_line(bench.forward("linear")(1.0), table.deflection_m, offset)
+    _check_load(table.force_N, table.distance_m)
+    compliance, _ = _robust_line(table.forward("linear")(1.0), table.deflection_m, offset)
     if compliance <= 0.0:
         raise _no_bending()
-    chosen = bench.screened("linear", 1.0 / compliance, offset)
+    chosen = table.screened("linear", 1.0 / compliance, offset)
     clamp = chosen.clamp_effect(clamp_share_std)
     fit, errors, half = chosen.judged(clamp)
     slope, bias = chosen.linear_error()
@@ -377,14 +399,14 @@ def solve_stiffness(
     reason += f"standard deviation of {100 * relative:.2g} %"
     if steep or biased:
         # the beam's outliers may be the elastica's shape, so they are looked for anew at its own EI
-        start = bench.fitted("elastica", chosen.kept, chosen.stiffness_Nm2, offset)
-        chosen = bench.screened("elastica", start.stiffness_Nm2, offset)
+        start = table.fitted("elastica", chosen.kept, chosen.stiffness_Nm2, offset)
+        chosen = table.screened("elastica", start.stiffness_Nm2, offset)
         slope, bias = chosen.linear_error()
         clamp = chosen.clamp_effect(clamp_share_std)
         fit, errors, half = chosen.judged(clamp)
     if half >= 1.0:
         raise _no_bending()
-    residuals = table.deflection_m - bench.forward(chosen.model)(fit.stiffness_Nm2) - fit.offset_m
+    residuals = table.deflection_m - table.forward(chosen.model)(fit.stiffness_Nm2) - fit.offset_m
     kept, inverse = residuals[chosen.kept], np.linalg.pinv(chosen.design)[0]
     plain = float(kept @ kept) / errors.freedom * float(inverse @ inverse)
     free_clamp = None
@@ -412,40 +434,10 @@ def solve_stiffness(
 
 
 @dataclass(frozen=True, eq=False)
-class _Bench:
-    """A table of deflections and the load under which they were measured."""
-
-    table: DeflectionTable
-    force_N: float
-    distance_m: float
-
-    def forward(self, model: str, kept: np.ndarray | slice = slice(None)) -> Forward:
-        return (_beam if model == "linear" else _elastica)(self.table.x_m[kept], self.force_N, self.distance_m)
-
-    @property
-    def least_std_m(self) -> float:
-        """Standard deviation of a difference of two readings that are rounded to their last decimal, or to float64."""
-        table = self.table
-        return max(table.resolution_m / np.sqrt(6.0), 1e-12 * float(np.abs(table.deflection_m).max()))
-
-    def screened(self, model: str, start_Nm2: float, offset: bool) -> _RodFit:
-        """Fits a model to the readings that are not outliers."""
-        shape = self.forward(model)(start_Nm2)
-        factor, intercept = _robust_line(shape, self.table.deflection_m, offset)
-        kept = ~_outlying(self.table.deflection_m - factor * shape - intercept, self.least_std_m)
-        return self.fitted(model, kept, start_Nm2, offset)
-
-    def fitted(self, model: str, kept: np.ndarray, start_Nm2: float, offset: bool, turning: bool = False) -> _RodFit:
-        x, y = self.table.x_m[kept], self.table.deflection_m[kept]
-        found = _gauss_newton(self.forward(model, kept), x, y, start_Nm2, offset=offset, turning=turning)
-        return _RodFit(self, model, kept, offset, *found)
-
-
-@dataclass(frozen=True, eq=False)
 class _RodFit:
     """A model fitted to the readings (N,) that are not outliers."""
 
-    bench: _Bench
+    table: DeflectionTable
     model: str
     kept: np.ndarray
     offset: bool
@@ -456,16 +448,16 @@ class _RodFit:
 
     def refitted(self, offset: bool, turning: bool = False) -> _RodFit:
         """Fits the same model to the same readings under other assumptions."""
-        return self.bench.fitted(self.model, self.kept, self.stiffness_Nm2, offset, turning)
+        return self.table.fitted(self.model, self.kept, self.stiffness_Nm2, offset, turning)
 
     def judged(self, clamp: float) -> tuple[BeamFit, _ErrorModels, float]:
         """Standard deviations of the estimate, the error models that give them, and half the relative interval of
         1/EI."""
-        table = self.bench.table
+        table = self.table
         x = table.x_m[self.kept]
-        model = self.bench.forward(self.model, self.kept)(self.stiffness_Nm2)
+        model = self.table.forward(self.model, self.kept)(self.stiffness_Nm2)
         residuals = table.deflection_m[self.kept] - (model + self.offset_m + self.clamp_rotation_rad * x)
-        errors = _error_models(x, self.design, residuals, self.bench.least_std_m)
+        errors = _error_models(x, self.design, residuals, self.table.least_std_m)
         covariance = errors.covariance
         fit = BeamFit(
             self.stiffness_Nm2,
@@ -478,16 +470,16 @@ class _RodFit:
         return fit, errors, errors.half_width(np.eye(len(covariance))[0], clamp)
 
     def _slope_at_load(self) -> float:
-        return _slope_at(self.model, self.bench.force_N, self.bench.distance_m, self.stiffness_Nm2)
+        return _slope_at(self.model, self.table.force_N, self.table.distance_m, self.stiffness_Nm2)
 
     def clamp_effect(self, share_std: float) -> float:
         """Relative standard deviation of EI due to the prior of the clamp's rotation."""
-        leak = np.linalg.lstsq(self.design, self.bench.table.x_m[self.kept], rcond=None)[0][0]
+        leak = np.linalg.lstsq(self.design, self.table.x_m[self.kept], rcond=None)[0][0]
         return abs(float(leak)) * share_std * self._slope_at_load()
 
     def linear_error(self) -> tuple[float, float]:
         """Slope at the load, and the relative error of EI by the small-angle formula if the rod is an elastica."""
-        forwards = (self.bench.forward(model, self.kept) for model in ("linear", "elastica"))
+        forwards = (self.table.forward(model, self.kept) for model in ("linear", "elastica"))
         straight, bent = (forward(self.stiffness_Nm2) for forward in forwards)
         compliance = 0.0
         if np.isfinite(bent).all():
