@@ -24,7 +24,6 @@ from unittest.mock import patch
 
 import cv2
 import numpy as np
-import torch
 import yaml
 from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
 from threadpoolctl import threadpool_info
@@ -240,6 +239,8 @@ def _child(
 
     Beside the reports the kernels of OpenBLAS, and by variable the wider instructions that it used all the same.
     """
+    import torch
+
     cv2.setNumThreads(threads)
     torch.set_num_threads(threads)
     reports = {title: _whole_way(session) for title, session in sessions.items()}

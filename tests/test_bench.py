@@ -20,10 +20,13 @@ from benchmarks.mistakes.rigs import KINDS, Kind, calibrated_rig
 from benchmarks.suite import SUBJECTS
 from benchmarks.vision.vision import hardships
 from benchmarks.waiting.frames import population
-from benchmarks.worlds.judge import outcome as outcome_of_world
-from benchmarks.worlds.rigs import draw_world
-from benchmarks.worlds.session import write_session
 from vbaa_calib.cli.main import main
+
+from .lazy import Lazy
+
+judge = Lazy("benchmarks.worlds.judge")
+rigs = Lazy("benchmarks.worlds.rigs")
+session = Lazy("benchmarks.worlds.session")
 
 
 @pytest.mark.slow
@@ -125,11 +128,11 @@ def test_nobody_is_beyond_the_walls() -> None:
 
 def test_a_small_world_on_the_whole_way(tmp_path: Path) -> None:
     """It calibrates, and contacts are where they are, as far as is stated."""
-    world = draw_world(0, 1)
+    world = rigs.draw_world(0, 1)
     world = replace(
         world, boards=world.boards[:8], free=world.free[:3], loads=world.loads[:4], contacts=world.contacts[2:8]
     )
-    found = outcome_of_world(world, write_session(world, tmp_path / "session"), tmp_path / "session")
+    found = judge.outcome(world, session.write_session(world, tmp_path / "session"), tmp_path / "session")
     assert found.calibrated < 2, found.words
     assert found.ours is not None
     assert found.true is not None

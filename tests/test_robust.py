@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
-import torch
 from scipy.stats import chi2
 
 from vbaa_calib.core.robust import chi_square, chi_square_p, huber_losses, huber_weights, mad_std, radial_std
+
+from .lazy import Lazy
+
+torch = Lazy("torch")
 
 
 def test_medians_give_the_standard_deviation_of_normal_numbers_and_forgive_outliers():
@@ -15,7 +18,7 @@ def test_medians_give_the_standard_deviation_of_normal_numbers_and_forgive_outli
     assert radial_std(np.linalg.norm(noise, axis=1)) == pytest.approx(0.3, rel=0.01)
 
 
-@pytest.mark.parametrize("kind", [np.asarray, torch.as_tensor])
+@pytest.mark.parametrize("kind", [lambda each: np.asarray(each), lambda each: torch.as_tensor(each)])
 def test_weights_are_the_slope_of_the_loss_over_the_residual(kind):
     residuals = np.array([-40.0, -3.0, -1.0, 0.5, 2.4, 2.6, 9.0])
     step = 1e-6

@@ -26,7 +26,7 @@ from estimator.paper.two_point import force_z, straight_line_contact, two_point_
 from estimator.table.contacts import Measured
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.antenna.shape import Curves
-from vbaa_calib.camera import Camera, CameraOnPlane
+from vbaa_calib.camera import Camera
 from vbaa_calib.core.console import progress
 from vbaa_calib.detect.whisker.antenna import corridor, free_curve, pixels
 from vbaa_calib.detect.whisker.centreline import NOTHING
@@ -37,6 +37,8 @@ from .scenes import RIGS, SIZES, Cell, cell, contact_bound, frames_at_informatio
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from vbaa_calib.camera import CameraOnPlane
 
 # --- ways from pictures in memory to contacts
 

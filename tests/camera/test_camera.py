@@ -7,12 +7,14 @@ import pickle
 
 import numpy as np
 import pytest
-import torch
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.files import write_json
 
+from ..lazy import Lazy
 from .lenses import LENSES
+
+torch = Lazy("torch")
 
 K = np.array([[900.0, 0, 640], [0, 900, 360], [0, 0, 1]])
 

@@ -5,15 +5,17 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.camera.lens import lens_of, prepared
-from vbaa_calib.camera.tensors import _solve_on_device
 
+from ..lazy import Lazy
 from .lenses import LENSES, border_and_grid, random_camera, random_directions
+
+torch = Lazy("torch")
+tensors = Lazy("vbaa_calib.camera.tensors")
 
 OPENCV = sorted(name for name, camera in LENSES.items() if camera.model == "opencv")
 
@@ -222,6 +224,6 @@ def test_the_search_on_other_devices_is_the_cores(name):
     pixels = np.concatenate([border_and_grid(camera, 15), [[np.nan, 1.0], [np.inf, 1.0]]])
     sensor = (pixels - camera.matrix[:2, 2]) / np.diag(camera.matrix)[:2]
     expected, known = lens.chart(sensor)
-    x, y, valid = _solve_on_device(camera.intrinsics.model, lens, own, *torch.tensor(sensor).unbind(-1))
+    x, y, valid = tensors._solve_on_device(camera.intrinsics.model, lens, own, *torch.tensor(sensor).unbind(-1))
     np.testing.assert_array_equal(valid.numpy(), known)
     np.testing.assert_allclose(np.stack([x, y], -1)[known], expected[known], rtol=1e-7, atol=1e-9)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import torch
-from torch.autograd import gradcheck
 
-from vbaa_calib.camera import CameraOnPlane, intersect_hinge_plane, intersect_plane
+from vbaa_calib.camera import intersect_hinge_plane, intersect_plane
 from vbaa_calib.geometry import PLANE_C, Plane, Pose, hinge_plane
 
+from ..lazy import Lazy
 from .lenses import LENSES, border_and_grid
+
+on_plane = Lazy("vbaa_calib.camera.on_plane")
+torch = Lazy("torch")
 
 # 0.4 m above plane C, looking down on it at a tilt
 POSE = Pose.from_rotvec(np.array([np.pi - 0.5, 0.2, 0.1]), np.array([0.12, 0.02, 0.4]))
@@ -27,7 +29,7 @@ def middle(camera, count=8, seed=0):
 @pytest.mark.parametrize("plane", [PLANE_C, hinge_plane(0.3), Plane(np.array([0.6, 0.0, 0.8]), -0.05)])
 def test_points_on_the_plane_are_found_again(name, plane):
     camera = LENSES[name]
-    layer = CameraOnPlane(camera, POSE, plane)
+    layer = on_plane.CameraOnPlane(camera, POSE, plane)
     pixels = border_and_grid(camera, 15)
     points, valid = layer.points(pixels)
     assert valid.mean() > 0.3
@@ -46,21 +48,22 @@ def test_points_on_the_plane_are_found_again(name, plane):
 @pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name != "tilted")) for name in NAMES])
 def test_gradients_by_pixels_lens_and_pose(name):
     camera = LENSES[name]
-    layer = CameraOnPlane(camera, POSE)
+    layer = on_plane.CameraOnPlane(camera, POSE)
     names = ("matrix", "distortion", "rotation", "translation_m")
 
     def function(pixels, *values):
         return torch.func.functional_call(layer, dict(zip(names, values, strict=True)), (pixels,))[0]
 
     inputs = (torch.tensor(middle(camera, 4)), *(getattr(layer, name).clone() for name in names))
-    assert gradcheck(function, tuple(value.requires_grad_() for value in inputs), eps=1e-6, atol=1e-6)
+    assert torch.autograd.gradcheck(function, tuple(value.requires_grad_() for value in inputs), eps=1e-6, atol=1e-6)
 
 
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
 @pytest.mark.parametrize("name", sorted(LENSES))
 def test_a_gpu_gives_the_answers_of_the_processor(name):
+    if not torch.cuda.is_available():
+        pytest.skip("needs a GPU")
     camera = LENSES[name]
-    layer = CameraOnPlane(camera, POSE)
+    layer = on_plane.CameraOnPlane(camera, POSE)
     pixels = np.concatenate([border_and_grid(camera), [[np.nan, 1.0], [np.inf, 1.0], [1e7, -1e7]]])
     rays = POSE.inverse() @ np.nan_to_num(layer.points(pixels)[0], nan=-1.0)
 
@@ -91,13 +94,15 @@ def test_a_gpu_gives_the_answers_of_the_processor(name):
 def test_calibration_jacobian_is_the_difference_quotient(name, plane):
     camera = LENSES[name]
     pixels = middle(camera)
-    jacobian = CameraOnPlane(camera, POSE, plane).calibration_jacobian(pixels)
+    jacobian = on_plane.CameraOnPlane(camera, POSE, plane).calibration_jacobian(pixels)
     lens = 4 + camera.distortion.size
     steps = np.r_[np.full(4, 1e-3), np.full(lens - 4, 1e-6), np.full(6, 1e-6)]
     assert jacobian.shape == (8, 2, lens + 6)
     for index, step in enumerate(np.diag(steps)):
         ends = [
-            CameraOnPlane(camera.moved(sign * step[:lens]), POSE.retract(sign * step[lens:]), plane).project(pixels)[0]
+            on_plane.CameraOnPlane(camera.moved(sign * step[:lens]), POSE.retract(sign * step[lens:]), plane).project(
+                pixels
+            )[0]
             for sign in (1, -1)
         ]
         quotient = (ends[0] - ends[1]) / (2 * steps[index])
@@ -106,7 +111,7 @@ def test_calibration_jacobian_is_the_difference_quotient(name, plane):
 
 def test_pixel_noise_against_sampling():
     camera = LENSES["gopro five"]
-    layer = CameraOnPlane(camera, POSE)
+    layer = on_plane.CameraOnPlane(camera, POSE)
     pixels, rng = middle(camera, 5), np.random.default_rng(1)
     samples, _ = layer.project(pixels + 0.3 * rng.normal(size=(20_000, 5, 2)))
     for predicted, drawn in zip(layer.covariance(pixels, 0.3), samples.swapaxes(0, 1), strict=True):

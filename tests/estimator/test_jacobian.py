@@ -6,14 +6,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 
 from estimator.contact.contacts import Contacts
 from estimator.contact.estimate import ContactEstimator
-from estimator.torch import ContactLayer
 
+from ..lazy import Lazy
 from ..rod_scenes import LENGTH_M, RIG_STD, SIGMA_PX, World, camera_pose, frames, pushing
 from .test_uncertainty import another
+
+torch = Lazy("torch")
+layers = Lazy("estimator.torch")
 
 WORLD = World(camera_pose(0.7, 0.8))
 RIG = WORLD.rig()
@@ -117,7 +119,7 @@ class TestWhatIsNotKnown:
 
 
 class TestLayer:
-    def tensors(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    def tensors(self) -> tuple[Any, Any, Any]:
         """Centrelines, moments and joint angles that ask for gradients."""
         seen = scene()
         joints = np.column_stack([seen["pans"], seen["tilts"]])
@@ -127,18 +129,18 @@ class TestLayer:
         return pixels, moments, angles
 
     def test_it_is_the_estimator(self) -> None:
-        found = ContactLayer(ESTIMATOR)(*self.tensors(), sigma_px=SIGMA_PX)
+        found = layers.ContactLayer(ESTIMATOR)(*self.tensors(), sigma_px=SIGMA_PX)
         expected = ESTIMATOR.estimate_batch(**scene())
         np.testing.assert_array_equal(found.distance_m.detach().numpy(), expected.distance_m)
         np.testing.assert_array_equal(found.point_world_m.detach().numpy(), expected.point_world_m)
         assert found.located.all()
 
     def test_gradcheck(self) -> None:
-        layer, (pixels, moments, angles) = ContactLayer(ESTIMATOR), self.tensors()
+        layer, (pixels, moments, angles) = layers.ContactLayer(ESTIMATOR), self.tensors()
         few = pixels.detach()[:2, ::6].clone().requires_grad_()
         read, joints = moments.detach()[:2].clone().requires_grad_(), angles.detach()[:2].clone().requires_grad_()
 
-        def in_mm(*each: torch.Tensor) -> torch.Tensor:
+        def in_mm(*each: Any) -> Any:
             found = layer(*each, sigma_px=SIGMA_PX)
             return torch.cat([1e3 * found.distance_m[:, None], 1e3 * found.point_world_m, 1e3 * found.force_N], dim=1)
 
@@ -146,7 +148,7 @@ class TestLayer:
 
     def test_pixels_to_metres_to_the_contact(self) -> None:
         """Through the metric layer the gradient is that of the pixels."""
-        layer, (pixels, moments, angles) = ContactLayer(ESTIMATOR), self.tensors()
+        layer, (pixels, moments, angles) = layers.ContactLayer(ESTIMATOR), self.tensors()
         (direct,) = torch.autograd.grad(layer(pixels, moments, angles, sigma_px=SIGMA_PX).distance_m.sum(), pixels)
         xy, valid = RIG.camera_on_plane()(pixels)
         assert valid.all()

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 
 from benchmarks.estimator.scenes import Scenes
 from estimator import ContactEstimator
@@ -19,8 +18,11 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Rig
 
+from ..lazy import Lazy
 from ..rod_scenes import World, camera_pose
 from .contact_scenes import RIG, rubbed
+
+torch = Lazy("torch")
 
 SQUARE = np.array([[640.0, 0.0, 480.0], [0.0, 640.0, 360.0], [0.0, 0.0, 1.0]])
 FISHEYE = Camera("fisheye", (960, 720), SQUARE, np.array([-0.02, 0.01, -0.004, 0.001]))

@@ -51,7 +51,6 @@ from vbaa_calib.wizard.store import _Journal
 from viz.batch.recordings import recordings_of
 from viz.batch.results import SCHEMA, Results
 from viz.cli.calibrate import _dated
-from viz.files.object_file import read_object
 from viz.scene.truth import true_contacts, true_object
 
 from ..hostile.case import TooLong, bounded
@@ -121,6 +120,12 @@ def _datagrams(path: Path) -> None:
     _all_of(iter(partial(next, received), None))
 
 
+def _read_object(path: Path) -> object:
+    from viz.files.object_file import read_object  # with VTK, which takes as long as all other readers
+
+    return read_object(path)
+
+
 def _truth(path: Path) -> None:
     truth = read_json(path)
     true_contacts(read_contacts(path.with_name("contacts.csv")), truth, path)
@@ -172,9 +177,9 @@ READERS = (
     Reader("opencv", "opencv.txt", FORMATS["opencv"].read, seldom=50),
     Reader("mrcal", "mrcal.txt", FORMATS["mrcal"].read, seldom=50),
     *(Reader(name, f"{name}.txt", FORMATS[name].read) for name in ("numbers", "orbslam", "cahvor")),
-    Reader("ply", "object.ply", read_object),
-    Reader("glb", "object.glb", read_object),
-    Reader("vtp", "object.vtp", read_object, seldom=100),
+    Reader("ply", "object.ply", _read_object),
+    Reader("glb", "object.glb", _read_object),
+    Reader("vtp", "object.vtp", _read_object, seldom=100),
     Reader("lens", "camera.json", read_lens),
     Reader(
         "tracked", "lined/recording/centrelines.csv", lambda path: _every_centreline(centrelines_of(path)), seldom=2

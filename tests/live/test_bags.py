@@ -5,6 +5,7 @@ from __future__ import annotations
 import runpy
 import struct
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,9 +16,6 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer as McapWriter
 from mcap_ros2.decoder import DecoderFactory
-from rosbags import rosbag2
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
 
 from estimator.live.outputs import contact_messages
 from vbaa_calib.camera import Camera
@@ -27,8 +25,13 @@ from vbaa_calib.streams.bags import BagWriter, Logged, Topics, open_bag, picture
 from viz.files.rerun_log import RerunLog
 
 from ..hostile.case import bounded
+from ..lazy import Lazy
 from .recordings import COUNT, frames, messages, rig, shown, write
 from .test_live import found
+
+rosbag2 = Lazy("rosbags.rosbag2")
+highlevel = Lazy("rosbags.highlevel")
+typesys = Lazy("rosbags.typesys")
 
 
 def read(path: Path, topics: Topics | None = None, camera: Camera | None = None) -> tuple[list[Any], list[str]]:
@@ -66,7 +69,7 @@ def test_foreign_readers_read_it(tmp_path: Path) -> None:
         wrenches = [each.decoded_message for each in reader.iter_decoded_messages(["/moment"])]
     assert [wrench.wrench.torque.y for wrench in wrenches] == [frame.moment_Nm for _, frame in shown()]
     assert [wrench.header.stamp.sec for wrench in wrenches] == [int(time_s + 1e-9) for time_s, _ in shown()]
-    with AnyReader([path]) as bag:
+    with highlevel.AnyReader([path]) as bag:
         assert bag.message_count == 3 * COUNT
 
 
@@ -202,21 +205,26 @@ def field(number: int, data: bytes) -> bytes:
 
 
 TOPIC, KIND = "/image", "sensor_msgs/msg/Image"
-ROS1, ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_HUMBLE)
+
+
+@cache
+def types(name: str) -> Any:
+    """The messages of a distribution."""
+    return typesys.get_typestore(typesys.Stores[name])
 
 
 def packed_messages(path: Path) -> None:
     writer = rosbag2.Writer(path, version=9)
     writer.set_compression(rosbag2.CompressionMode.MESSAGE, rosbag2.CompressionFormat.ZSTD)
     with writer:
-        writer.write(writer.add_connection(TOPIC, KIND, typestore=ROS2), 1, bytes(100_000_000))
+        writer.write(writer.add_connection(TOPIC, KIND, typestore=types("ROS2_HUMBLE")), 1, bytes(100_000_000))
 
 
 def mcap_file(path: Path, size: int, times: tuple[int, ...] = (1,), **options: Any) -> None:
     with path.open("wb") as stream:
         writer = McapWriter(stream, **options)
         writer.start(profile="ros2")
-        text = ROS2.generate_msgdef(KIND, ros_version=2)[0].encode()
+        text = types("ROS2_HUMBLE").generate_msgdef(KIND, ros_version=2)[0].encode()
         channel = writer.register_channel(TOPIC, "cdr", writer.register_schema(KIND, "ros2msg", text))
         for time in times:
             writer.add_message(channel, time, bytes(size), time)

@@ -11,7 +11,6 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-import pyvista as pv
 
 from estimator.table.contacts import ContactRow, ContactTable
 from estimator.table.files import read_contacts, write_contacts
@@ -19,6 +18,10 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.cli.main import main
 from vbaa_calib.rig import Rig
 from viz.report.compare import compare_contacts, compare_rigs
+
+from ..lazy import Lazy
+
+pv = Lazy("pyvista")
 
 
 def outcome(capsys: pytest.CaptureFixture[str], *argv: object) -> tuple[int, Any, str]:

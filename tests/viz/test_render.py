@@ -11,16 +11,19 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-import pyvista as pv
 
-from viz.parts.assemble import all_parts
 from viz.render import probe
-from viz.render.gltf import write_gltf
-from viz.render.screenshot import SHEET, screenshot
-from viz.render.stage import Stage
-from viz.render.window import _Controls
 from viz.scene.layout import LOOK
 from viz.scene.scene import Scene
+
+from ..lazy import Lazy
+
+pv = Lazy("pyvista")
+assemble = Lazy("viz.parts.assemble")
+gltf = Lazy("viz.render.gltf")
+sheet = Lazy("viz.render.screenshot")
+stages = Lazy("viz.render.stage")
+window = Lazy("viz.render.window")
 
 
 @pytest.fixture
@@ -44,16 +47,20 @@ def close_to(pixels: np.ndarray, colour: str, tolerance: int = 60) -> np.ndarray
 
 @pytest.mark.usefixtures("opengl")
 def test_the_picture_shows_rig_and_contacts(scene: Scene, tmp_path: Path) -> None:
-    screenshot(scene, tmp_path / "scene.png")
+    sheet.screenshot(scene, tmp_path / "scene.png")
     pixels = cv2.imread(str(tmp_path / "scene.png"))[..., ::-1]
-    assert pixels.shape == (SHEET.tall, SHEET.wide, 3)
-    rig = pixels[: SHEET.rig_size[1], : SHEET.left]
-    near, strip = pixels[: SHEET.near_size[1], SHEET.left :], pixels[SHEET.near_size[1] :, SHEET.left :]
+    layout = sheet.SHEET
+    assert pixels.shape == (layout.tall, layout.wide, 3)
+    rig = pixels[: layout.rig_size[1], : layout.left]
+    near, strip = (
+        pixels[: layout.near_size[1], layout.left :],
+        pixels[layout.near_size[1] :, layout.left :],
+    )
     assert close_to(rig, LOOK["camera"][0]).sum() > 100
     assert close_to(rig, "#0af014").sum() > 100  # the camera's picture of the greatest force
     assert close_to(near, LOOK["antenna"][0]).sum() > 500
     assert (
-        close_to(pixels[SHEET.rig_size[1] :, : SHEET.left], LOOK["cones"][0], 10).sum() > 100
+        close_to(pixels[layout.rig_size[1] :, : layout.left], LOOK["cones"][0], 10).sum() > 100
     )  # its mark in the legend
     # the ends of the scales of force and surface
     assert all(close_to(strip, colour, 12).sum() > 60 for colour in ("#0d0887", "#f9e721", "#085ba0"))
@@ -64,7 +71,7 @@ def test_gltf_is_sound_and_comes_back_without_opengl(
     scene: Scene, tmp_path: Path, no_opengl: None, suffix: str
 ) -> None:
     path = tmp_path / f"scene{suffix}"
-    write_gltf(scene, path)
+    gltf.write_gltf(scene, path)
     data = path.read_bytes()
     if suffix == ".glb":
         magic, version, size, length, kind = struct.unpack("<4sIII4s", data[:20])
@@ -88,7 +95,7 @@ def test_gltf_is_sound_and_comes_back_without_opengl(
     turn = np.reshape(world["matrix"], (4, 4)).T[:3, :3]
     np.testing.assert_array_equal(turn @ [0, 0, 1], [0, 1, 0])
     read = pv.read(path).combine()
-    whole = Stage(scene, [part for part in all_parts(scene) if part.name != "now"])
+    whole = stages.Stage(scene, [part for part in assemble.all_parts(scene) if part.name != "now"])
     count = sum(actor.mapper.dataset.n_cells for actor in whole.actors)
     assert read.n_cells == count
 
@@ -96,8 +103,8 @@ def test_gltf_is_sound_and_comes_back_without_opengl(
 @pytest.mark.parametrize("close", [False, True])
 def test_a_click_takes_the_contact_that_is_drawn_there(scene: Scene, no_opengl: None, close: bool) -> None:
     """By rays of a pinhole camera, worked out here without VTK's matrices."""
-    stage = Stage(scene, all_parts(scene), size=(700, 500))
-    controls, points = _Controls(stage, "force"), scene.contacts.points_m
+    stage = stages.Stage(scene, assemble.all_parts(scene), size=(700, 500))
+    controls, points = window._Controls(stage, "force"), scene.contacts.points_m
     controls.close = not close
     controls.look_closer()
     camera = stage.plotter.camera

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -17,10 +18,16 @@ from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.render.meshes import object_mesh
 from vbaa_calib.simulate.scene.objects import Bump, TouchObject
-from viz.parts.assemble import ScenePart, all_parts
-from viz.render.page import _CLEAR, _ICON, write_page
 from viz.scene.readable import MODES
 from viz.scene.scene import Scene, _instants_of, build_scene
+
+from ..lazy import Lazy
+
+if TYPE_CHECKING:
+    from viz.parts.assemble import ScenePart
+
+assemble = Lazy("viz.parts.assemble")
+pages = Lazy("viz.render.page")
 
 
 def test_a_long_recording_is_thinned_but_keeps_the_greatest_force(table: ContactTable) -> None:
@@ -97,7 +104,7 @@ ROOT = Path(__file__).parents[2]
 @pytest.fixture(scope="module")
 def written(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("page") / "scene.html"
-    write_page(scene, path, title="A & B <touch>")
+    pages.write_page(scene, path, title="A & B <touch>")
     return path
 
 
@@ -106,12 +113,12 @@ def test_the_page_is_whole_offline_and_has_its_legend(scene: Scene, written: Pat
     assert "<title>A &amp; B &lt;touch&gt;</title>" in text
     assert not re.search(r"""(src|href)\s*=\s*["'](https?:)?//""", text)
     legend = text.partition('id="legend"')[2].partition('id="time"')[0]
-    for part in all_parts(scene):
+    for part in assemble.all_parts(scene):
         assert str(escape(part.label)) in legend
     for words in ("90 contacts", "Friction &lt;is&gt; told.", "std of the surface, mm", *MODES):
         assert words in legend
-    assert _CLEAR in text
-    assert _ICON not in text
+    assert pages._CLEAR in text
+    assert pages._ICON not in text
     head = text.partition("<script")[0]
     assert "default-src 'none'" in head
     assert "http" not in head.partition('content="default-src')[2].partition('"')[0]
