@@ -56,33 +56,6 @@ _RULES = Rules(100, tolerance=1e-14, standstill=1e-18, damping=1e-4)
 
 
 @dataclass(frozen=True, eq=False)
-class _SweepCorners:
-    """The corners of all pictures, concatenated."""
-
-    points_m: np.ndarray  # (N, 3) board frame
-    pixels: np.ndarray  # (N, 2)
-    picture: np.ndarray  # (N,) index of the picture
-    angles_rad: np.ndarray  # (P, 2) readings of pan and tilt of the P pictures, the tilt with its zero
-
-    @staticmethod
-    def of(
-        views: Sequence[BoardView], pictures: Sequence[Still], points_m: np.ndarray, kinematics: Kinematics
-    ) -> _SweepCorners:
-        """The corners of a board (C, 3) detected in every picture, with the joints' readings."""
-        return _SweepCorners(
-            np.concatenate([points_m[view.ids] for view in views]),
-            np.concatenate([view.corners_px for view in views]),
-            np.repeat(np.arange(len(views)), [len(view.ids) for view in views]),
-            np.array([[seen.pan_rad, seen.tilt_rad + kinematics.tilt_zero_rad] for seen in pictures]),
-        )
-
-    @property
-    def pictures(self) -> int:
-        """Number of pictures."""
-        return len(self.angles_rad)
-
-
-@dataclass(frozen=True, eq=False)
 class _SweepState:
     """Unknowns of a sweep: the camera's pose, the board's, skew and offset of the joints' axes."""
 
@@ -110,27 +83,27 @@ class _SweepRows(NamedTuple):
     by_lens: np.ndarray  # (N, 2, 4 + k)
 
 
-def _turns_actuator_foot(corners: _SweepCorners, axis_skew_rad: float) -> np.ndarray:
+def _turns_actuator_foot(problem: _SweepProblem, axis_skew_rad: float) -> np.ndarray:
     """(P, 3, 3) rotations Ry(tilt)·Rx(−skew)·Rz(−pan) from the world's directions to the moving attachment's."""
-    pan, tilt = corners.angles_rad.T
+    pan, tilt = problem.angles_rad.T
     return np.swapaxes(rotation_world_antenna(pan, tilt, axis_skew_rad), -1, -2)
 
 
-def _tilted_x(corners: _SweepCorners) -> np.ndarray:
+def _tilted_x(problem: _SweepProblem) -> np.ndarray:
     """(P, 3) the panned x axis in the moving attachment's frame."""
-    tilt = corners.angles_rad[:, 1]
+    tilt = problem.angles_rad[:, 1]
     return np.stack([np.cos(tilt), np.zeros_like(tilt), -np.sin(tilt)], axis=1)
 
 
-def _linearise(camera: Camera, state: _SweepState, corners: _SweepCorners) -> _SweepRows:
+def _linearise(problem: _SweepProblem, state: _SweepState) -> _SweepRows:
     """Residuals and derivatives of all corners at a state."""
     X, B = state.T_actuator_camera, state.T_foot_board
-    world = _turns_actuator_foot(corners, state.axis_skew_rad)[corners.picture]
-    across = _tilted_x(corners)[corners.picture]
-    lever = corners.points_m @ B.rotation.T
+    world = _turns_actuator_foot(problem, state.axis_skew_rad)[problem.picture]
+    across = _tilted_x(problem)[problem.picture]
+    lever = problem.points_m @ B.rotation.T
     from_foot = np.einsum("nij,nj->ni", world, lever + B.translation_m)
     at = from_foot - state.axis_offset_m * across
-    pixels, by_point, by_lens = projected(camera, (at - X.translation_m) @ X.rotation)
+    pixels, by_point, by_lens = projected(problem.camera, (at - X.translation_m) @ X.rotation)
     # how each step, then pan and tilt, moves the point as seen from the attachment: (N, 16, 3)
     moves = [
         np.cross((at - X.translation_m)[:, None], np.eye(3)),
@@ -143,37 +116,37 @@ def _linearise(camera: Camera, state: _SweepState, corners: _SweepCorners) -> _S
         np.cross(np.eye(3)[1], at)[:, None],
     ]
     by_state = by_point @ X.rotation.T @ np.swapaxes(np.concatenate(moves, axis=1), -1, -2)
-    return _SweepRows(corners.pixels - pixels, by_state[..., : _AXES.stop], by_state[..., _AXES.stop :], by_lens)
+    return _SweepRows(problem.pixels - pixels, by_state[..., : _AXES.stop], by_state[..., _AXES.stop :], by_lens)
 
 
-def _initial_state(camera: Camera, corners: _SweepCorners, kinematics: Kinematics) -> _SweepState:
+def _initial_state(problem: _SweepProblem, kinematics: Kinematics) -> _SweepState:
     """Initial state from the board's pose in each picture, robust to a few wrong ones."""
-    poses, which = _board_poses(camera, corners)
+    poses, which = _board_poses(problem)
     if len(which) < 3:
         raise SolveError("no pose of the board explains its corners: is the lens that of this camera?")
-    turns = _turns_actuator_foot(corners, kinematics.axis_skew_rad)[which]
-    shifts = -kinematics.axis_offset_m * _tilted_x(corners)[which]
+    turns = _turns_actuator_foot(problem, kinematics.axis_skew_rad)[which]
+    shifts = -kinematics.axis_offset_m * _tilted_x(problem)[which]
     X, B = robot_world([Pose(*known) for known in zip(turns, shifts, strict=True)], poses)
     return _SweepState(X, B, kinematics.axis_skew_rad, kinematics.axis_offset_m)
 
 
-def _turned_over(state: _SweepState, corners: _SweepCorners) -> _SweepState:
+def _turned_over(state: _SweepState, problem: _SweepProblem) -> _SweepState:
     """The state with the board's normal reflected about the line of sight, which looks much alike: the second pose."""
-    turn = _turns_actuator_foot(corners, state.axis_skew_rad)[0]
-    camera_foot = state.T_actuator_camera.inverse() @ Pose(turn, -state.axis_offset_m * _tilted_x(corners)[0])
-    other = mirrored(camera_foot @ state.T_foot_board, corners.points_m)
+    turn = _turns_actuator_foot(problem, state.axis_skew_rad)[0]
+    camera_foot = state.T_actuator_camera.inverse() @ Pose(turn, -state.axis_offset_m * _tilted_x(problem)[0])
+    other = mirrored(camera_foot @ state.T_foot_board, problem.points_m)
     return replace(state, T_foot_board=camera_foot.inverse() @ other)
 
 
-def _board_poses(camera: Camera, corners: _SweepCorners) -> tuple[list[Pose], np.ndarray]:
+def _board_poses(problem: _SweepProblem) -> tuple[list[Pose], np.ndarray]:
     """T_camera_board by homography for each picture, and the mask of pictures that determine one."""
-    ideal, valid = camera.unproject_normalized(corners.pixels)
+    ideal, valid = problem.camera.unproject_normalized(problem.pixels)
     poses, which = [], []
-    for index in range(corners.pictures):
-        mine = valid & (corners.picture == index)
-        if mine.sum() < 4 or not fixes_homography(corners.points_m[mine, :2]):
+    for index in range(problem.pictures):
+        mine = valid & (problem.picture == index)
+        if mine.sum() < 4 or not fixes_homography(problem.points_m[mine, :2]):
             continue
-        done, rotvec, translation = cv2.solvePnP(corners.points_m[mine], ideal[mine], np.eye(3), None)
+        done, rotvec, translation = cv2.solvePnP(problem.points_m[mine], ideal[mine], np.eye(3), None)
         if done and np.isfinite(rotvec).all() and np.isfinite(translation).all() and translation[2, 0] > 0.0:
             poses.append(Pose.from_rotvec(rotvec.ravel(), translation))
             which.append(index)
@@ -210,29 +183,53 @@ class _SweepEquations(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _SweepProblem:
-    """The corners of a sweep seen by a camera. free : (14,) mask of the columns of a step that are solved for."""
+    """The corners of all pictures of a sweep, concatenated, seen by a camera."""
 
     camera: Camera
-    corners: _SweepCorners
-    free: np.ndarray
+    points_m: np.ndarray  # (N, 3) board frame
+    pixels: np.ndarray  # (N, 2)
+    picture: np.ndarray  # (N,) index of the picture
+    angles_rad: np.ndarray  # (P, 2) readings of pan and tilt of the P pictures, the tilt with its zero
+    free: np.ndarray  # (14,) mask of the columns of a step that are solved for
 
     @staticmethod
-    def of(camera: Camera, corners: _SweepCorners, axes: bool = True) -> _SweepProblem:
-        """The problem with the axes' skew and offset free, or fixed at the state's."""
+    def of(
+        camera: Camera,
+        views: Sequence[BoardView],
+        pictures: Sequence[Still],
+        points_m: np.ndarray,
+        kinematics: Kinematics,
+    ) -> _SweepProblem:
+        """The corners of a board (C, 3) detected in every picture, with the joints' readings; all unknowns are free."""
         return _SweepProblem(
-            camera, corners, np.ones(_AXES.stop, bool) if axes else np.arange(_AXES.stop) < _AXES.start
+            camera,
+            np.concatenate([points_m[view.ids] for view in views]),
+            np.concatenate([view.corners_px for view in views]),
+            np.repeat(np.arange(len(views)), [len(view.ids) for view in views]),
+            np.array([[seen.pan_rad, seen.tilt_rad + kinematics.tilt_zero_rad] for seen in pictures]),
+            np.ones(_AXES.stop, bool),
         )
+
+    @property
+    def axes_fixed(self) -> _SweepProblem:
+        """The problem with the axes' skew and offset fixed at the state's."""
+        return replace(self, free=np.arange(_AXES.stop) < _AXES.start)
+
+    @property
+    def pictures(self) -> int:
+        """Number of pictures."""
+        return len(self.angles_rad)
 
     def _blocks(self, at: _SweepRows, weights: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """(P, m, m) per-picture products of columns (N, 2, ...), then the residual, then the picture's own angle
         errors."""
         whole = np.concatenate([columns, at.residuals_px[..., None], at.by_angles], axis=-1)
-        bounds = np.searchsorted(self.corners.picture, np.arange(self.corners.pictures + 1))
+        bounds = np.searchsorted(self.picture, np.arange(self.pictures + 1))
         return _view_products(whole * np.sqrt(weights)[:, None, None], bounds)
 
     def _descended(self, state: _SweepState, weights: np.ndarray, angle_ratio: float, rules: Rules) -> _SweepEquations:
         def linearised(state: _SweepState) -> _SweepEquations:
-            at = _linearise(self.camera, state, self.corners)
+            at = _linearise(self, state)
             blocks = self._blocks(at, weights, at.by_state[..., self.free])
             whole = _without_angles(blocks, angle_ratio)
             return _SweepEquations(state, at, blocks, whole[:-1, :-1], whole[:-1, -1], float(whole[-1, -1]))
@@ -255,7 +252,7 @@ class _SweepProblem:
         A redescending loss would fit some pictures all but exactly and give up others, where the angles scatter.
         """
         weights = used.astype(float)
-        residuals = _linearise(self.camera, state, self.corners).residuals_px
+        residuals = _linearise(self, state).residuals_px
         for _ in range(PoseSettings.reweightings):
             distance = np.linalg.norm(residuals, axis=1)
             scale = PoseSettings.soft * max(radial_std(distance[used]), 1e-9)
@@ -288,7 +285,7 @@ class _SweepProblem:
         residuals = at.residuals_px
         if ratio > 0.0:
             shift = np.linalg.solve(blocks[:, -2:, -2:] + np.eye(2) / ratio, blocks[:, -2:, -3, None])[..., 0]
-            residuals = residuals - np.einsum("nij,nj->ni", at.by_angles, shift[self.corners.picture])
+            residuals = residuals - np.einsum("nij,nj->ni", at.by_angles, shift[self.picture])
         return _SweepFit(system.state, ratio, variance, residuals, covariance, by_lens)
 
     def inlying(self, state: _SweepState, candidates: np.ndarray) -> tuple[_SweepFit, np.ndarray]:
@@ -393,11 +390,10 @@ def solve_sweep(
     """
     seen, readings, dropped = _usable_pictures(views, pictures, board.nominal_m, camera)
     _refuse_one_joint(readings)
-    corners = _SweepCorners.of(seen, readings, board.points_m, kinematics)
-    problem, zero = _SweepProblem.of(camera, corners), kinematics.tilt_zero_rad
-    state, kept, error_px = _consistent_pictures(problem, _initial_state(camera, corners, kinematics))
+    problem, zero = _SweepProblem.of(camera, seen, readings, board.points_m, kinematics), kinematics.tilt_zero_rad
+    state, kept, error_px = _consistent_pictures(problem, _initial_state(problem, kinematics))
     _refuse_one_joint([reading for reading, good in zip(readings, kept, strict=True) if good])
-    free, used = problem.inlying(state, kept[corners.picture])
+    free, used = problem.inlying(state, kept[problem.picture])
     chosen = _with_axes_prior(problem, free, used, kinematics)
     loose = _loose(chosen)
     left_out = [
@@ -458,16 +454,15 @@ def _consistent_pictures(problem: _SweepProblem, state: _SweepState) -> tuple[_S
     """A robust state, the mask (P,) of pictures that it explains, and the median residual (P,) px of each. Raises
     InputError when the angles fit hardly more than half of the pictures, or when one row is wrong but which one is
     ambiguous."""
-    corners = problem.corners
     # the better of the two in which the board leans to one side or the other
-    fixed, every = _SweepProblem.of(problem.camera, corners, axes=False), np.ones(len(corners.pixels), bool)
+    fixed, every = problem.axes_fixed, np.ones(len(problem.pixels), bool)
     first = fixed.robust(state, every)
-    both = (first, fixed.robust(_turned_over(first[0], corners), every))
+    both = (first, fixed.robust(_turned_over(first[0], problem), every))
     state = min(both, key=lambda one: float(np.linalg.norm(one[1], axis=1).sum()))[0]
-    kept = np.ones(corners.pictures, bool)
+    kept = np.ones(problem.pictures, bool)
     for _ in range(PoseSettings.picture_rounds):
-        state, residuals = problem.robust(state, kept[corners.picture])
-        error = _picture_errors_px(residuals, corners)
+        state, residuals = problem.robust(state, kept[problem.picture])
+        error = _picture_errors_px(residuals, problem)
         before, kept = (
             kept,
             error <= max(PoseSettings.gross_picture * float(np.median(error[kept])), PoseSettings.gross_picture_px),
@@ -478,38 +473,38 @@ def _consistent_pictures(problem: _SweepProblem, state: _SweepState) -> tuple[_S
     for _ in range(PoseSettings.picture_rounds):
         if kept.all():
             break
-        found, _ = problem.inlying(here, kept[corners.picture])
+        found, _ = problem.inlying(here, kept[problem.picture])
         own = [_own_angles(problem, found.state, index) for index in np.flatnonzero(~kept).tolist()]
         back = kept.copy()
         back[~kept] = (
-            np.abs(own - corners.angles_rad[~kept]).max(axis=1) <= PoseSettings.gross_angle * found.angle_std_rad
+            np.abs(own - problem.angles_rad[~kept]).max(axis=1) <= PoseSettings.gross_angle * found.angle_std_rad
         )
         if np.array_equal(back, kept):
             break
         here, kept = found.state, back
     if PoseSettings.fewest_pictures <= kept.sum() <= PoseSettings.few_pictures:
         state, kept = _without_wrong_row(problem, state, kept)
-    if kept.sum() < max(PoseSettings.fewest_pictures, PoseSettings.explained * corners.pictures):
-        what = f"the angles of sweep.csv explain {kept.sum()} of {corners.pictures} pictures, too few"
+    if kept.sum() < max(PoseSettings.fewest_pictures, PoseSettings.explained * problem.pictures):
+        what = f"the angles of sweep.csv explain {kept.sum()} of {problem.pictures} pictures, too few"
         raise InputError(
             what, remedy="look the rows through; the board must not move, the joints be at rest, the angles in radians"
         )
-    return state, kept, _picture_errors_px(_linearise(problem.camera, state, corners).residuals_px, corners)
+    return state, kept, _picture_errors_px(_linearise(problem, state).residuals_px, problem)
 
 
-def _picture_errors_px(residuals: np.ndarray, corners: _SweepCorners) -> np.ndarray:
+def _picture_errors_px(residuals: np.ndarray, problem: _SweepProblem) -> np.ndarray:
     distance = np.linalg.norm(residuals, axis=1)
-    return np.array([np.median(distance[corners.picture == index]) for index in range(corners.pictures)])
+    return np.array([np.median(distance[problem.picture == index]) for index in range(problem.pictures)])
 
 
 def _without_wrong_row(problem: _SweepProblem, state: _SweepState, kept: np.ndarray) -> tuple[_SweepState, np.ndarray]:
     """The state and the mask of kept pictures without the one wrong row that, among few pictures, biases the fit so
     that all deviate a little."""
-    picture = problem.corners.picture
+    picture = problem.picture
     whole, _ = problem.inlying(state, kept[picture])
     if whole.angle_std_rad < PoseSettings.wrong_row_rad:
         return whole.state, kept
-    places = np.arange(problem.corners.pictures)
+    places = np.arange(problem.pictures)
     others = [kept & (places != index) for index in np.flatnonzero(kept)]
     fits = [problem.inlying(state, some[picture])[0] for some in others]
     agree = [i for i, found in enumerate(fits) if found.angle_std_rad < PoseSettings.agreement * whole.angle_std_rad]
@@ -523,11 +518,11 @@ def _without_wrong_row(problem: _SweepProblem, state: _SweepState, kept: np.ndar
 
 def _own_angles(problem: _SweepProblem, state: _SweepState, picture: int) -> np.ndarray:
     """(2,) pan and tilt at which one picture's corners fit a state best; NaN where no nearby angles fit."""
-    corners, angles = problem.corners, problem.corners.angles_rad[picture]
-    mine = corners.picture == picture
-    alone = _SweepCorners(corners.points_m[mine], corners.pixels[mine], np.zeros(int(mine.sum()), int), angles[None])
+    angles, mine = problem.angles_rad[picture], problem.picture == picture
+    own = {"points_m": problem.points_m[mine], "pixels": problem.pixels[mine]}
+    alone = replace(problem, picture=np.zeros(int(mine.sum()), int), **own)
     for _ in range(PoseSettings.own_steps):
-        moved = _linearise(problem.camera, state, replace(alone, angles_rad=angles[None]))
+        moved = _linearise(replace(alone, angles_rad=angles[None]), state)
         step = np.linalg.lstsq(moved.by_angles.reshape(-1, 2), moved.residuals_px.ravel(), rcond=None)[0]
         angles = angles + np.clip(step, -PoseSettings.own_step_rad, PoseSettings.own_step_rad)
     error = float(np.median(np.linalg.norm(moved.residuals_px, axis=1)))
@@ -539,7 +534,7 @@ def _left_out_reason(problem: _SweepProblem, state: _SweepState, index: int, err
     angles = _own_angles(problem, state, index)
     if np.isnan(angles).any():
         return f"{what}; did the board or the camera move?"
-    (pan, tilt), (read_pan, read_tilt) = angles - [0, zero_rad], problem.corners.angles_rad[index] - [0, zero_rad]
+    (pan, tilt), (read_pan, read_tilt) = angles - [0, zero_rad], problem.angles_rad[index] - [0, zero_rad]
     return f"{what}: it looks like pan {pan:.3f}, tilt {tilt:.3f}, its row says {read_pan:.3f}, {read_tilt:.3f}"
 
 
@@ -554,9 +549,7 @@ def _with_axes_prior(problem: _SweepProblem, free: _SweepFit, used: np.ndarray, 
         return free
     gain = free.covariance[:, _AXES] @ np.linalg.inv(spread)
     skew, offset = nominal - off + (gain @ off)[_AXES]
-    fixed = _SweepProblem.of(problem.camera, problem.corners, axes=False).fit(
-        replace(free.state, axis_skew_rad=skew, axis_offset_m=offset), used
-    )
+    fixed = problem.axes_fixed.fit(replace(free.state, axis_skew_rad=skew, axis_offset_m=offset), used)
     # Joseph's form: no difference of covariances
     left, known = (
         np.eye(len(gain)),
