@@ -338,6 +338,7 @@ COLUMNS: dict[str, _Column] = {name: _declared(_Columns)[name] for name in (*REQ
 """Field → its declaration, in the order of the file."""
 
 
+@lru_cache
 def columns_of(named: bool) -> tuple[str, ...]:
     """The file's columns, with or without those of named antennas and moving clamps."""
     return column_names(tuple(COLUMNS)[: None if named else -3])

@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
+from functools import lru_cache
 from itertools import chain, count, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -113,14 +114,23 @@ def header_line(named: bool = False) -> str:
     return ",".join(columns_of(named)) + "\n"
 
 
+@lru_cache(maxsize=16)
+def _format(kinds: tuple[type, ...]) -> tuple[str, list[int]]:
+    """The format of a line with cells of these types whose numbers exist, and which cells are no floats."""
+    forms = [form if kind is float else "%s" for form, kind in zip(_FORMATS, kinds, strict=False)]
+    return ",".join(forms) + "\n", [place for place, kind in enumerate(kinds) if kind is not float]
+
+
 def row_line(cells: Mapping[str, Any]) -> str:
-    """A line of contacts.csv from the result of `cells_of`. Existing numbers, the usual case, are written by the
-    format of their column."""
-    written = [
-        form % value if type(value) is float and math.isfinite(value) else _quoted(_text(value, digits))
-        for form, digits, value in zip(_FORMATS, _DIGITS.values(), cells.values(), strict=False)
-    ]
-    return ",".join(written) + "\n"
+    """A line of contacts.csv from the result of `cells_of`. Where all numbers exist, the usual case, it is written by
+    one format."""
+    values = list(cells.values())
+    form, others = _format(tuple(map(type, values)))
+    if math.isfinite(sum(value for value in values if type(value) is float)):
+        for place in others:
+            values[place] = _quoted(_text(values[place]))
+        return form % tuple(values)
+    return ",".join(map(_quoted, map(_text, values, _DIGITS.values()))) + "\n"
 
 
 def _quoted(text: str) -> str:
@@ -320,18 +330,19 @@ def cells_of(row: ContactRow) -> dict[str, int | float | bool | str]:
     """Column → value in the order of the columns; NaN for missing numbers. Raises InputError."""
     if not isinstance(row, ContactRow):
         raise InputError(f"a row is {quoted(row)}", remedy="give a ContactRow for each frame")
-    cells: dict[str, int | float | bool | str] = {}
-    for field, names in islice(_NAMES.items(), None if row.antenna else len(_NAMES) - 3):
-        value = getattr(row, field)
+    values, cells = vars(row), list[Any]()
+    for field, names in _NAMES.items():
+        value = values[field]
         if len(names) == 1:  # most of them: NumPy would take longer than all else
-            cells[names[0]] = value.item() if isinstance(value, np.generic | np.ndarray) else value
-            continue
-        several = np.asarray(value).tolist()
-        if isinstance(several[0], list):  # the upper triangle
-            several = [cell for begin, line in enumerate(several) for cell in line[begin:]]
-        cells.update(zip(names, several, strict=True))
-    cells["reason"] = " ".join(row.reason.split())
-    return cells
+            cells.append(value.item() if isinstance(value, np.generic | np.ndarray) else value)
+        elif len(names) == 3:
+            cells += np.asarray(value).tolist()
+        else:  # the upper triangle
+            (xx, xy, xz), (_, yy, yz), (_, _, zz) = np.asarray(value).tolist()
+            cells += xx, xy, xz, yy, yz, zz
+    found = dict(zip(columns_of(bool(row.antenna)), cells, strict=False))
+    found["reason"] = " ".join(row.reason.split())
+    return found
 
 
 def _text(value: Any, digits: int = 0) -> str:
