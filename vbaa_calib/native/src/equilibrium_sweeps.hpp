@@ -12,6 +12,15 @@ namespace vbaa::antenna::sweep {
 // EI/GJ of a round wire, 1 + ν. Torsion turns the section, and with it the bow: hundredths of a millimetre.
 constexpr double TORSION_RATIO = 1.3;
 
+// Half angle that sweeps may still turn an end of the antenna when they stop: what it moves is far below a nanometre.
+constexpr double REST_RAD = 1e-10;
+
+// Whether sweeps that change the ends by so much, squared, and by more before, have come to rest in all lanes. They
+// converge linearly: what is left is about the last change times its ratio to the one before.
+inline bool at_rest(const Lanes& square, const Lanes& before) {
+    return sum(choose(square * square <= REST_RAD * REST_RAD * before, spread(0.0), spread(1.0))) == 0.0;
+}
+
 // The clamp's turn about y and z, as half angles.
 struct ClampTurn {
     Lanes y, z;
@@ -152,9 +161,16 @@ Equilibrium found_by_sweeps(const Loads& loads, const Nodes& nodes, int sweeps,
     elastica_hinge(loads, nodes, work.hinge);
     ClampTurn clamp = first_turns(loads, nodes, work);
     State state = state_of(loads, nodes, work, clamp, tangents);
+    const int tip = nodes.count() - 1;
+    Lanes before = spread(0.0);
     for (int sweep = 0; sweep < sweeps; ++sweep) {
+        const Vectors clamp_was = work.field[0], tip_was = work.field[tip];
         clamp = swept(loads, nodes, work, state.seen);
         state = state_of(loads, nodes, work, clamp, tangents);
+        const Vectors at_clamp = work.field[0] - clamp_was, at_tip = work.field[tip] - tip_was;
+        const Lanes square = dot(at_clamp, at_clamp) + dot(at_tip, at_tip);
+        if (at_rest(square, before)) break;
+        before = square;
     }
     Lanes sine = work.hinge.sine[0], cosine = work.hinge.cosine[0];
     Vectors x_axis = turned(-state.seen, Vectors{cosine, -sine, Lanes{}});

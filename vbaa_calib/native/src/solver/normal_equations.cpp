@@ -12,7 +12,8 @@ namespace vbaa::solver {
 namespace {
 
 constexpr int EVERY = 4, FOOT_STEPS = 2;  // a foot is searched from the nearest of every fourth node by Newton steps
-constexpr double CONVERGED = 1e-4;        // part of the cost that the last step of a linear problem promises at most
+constexpr double CONVERGED = 1e-4;        // part of the cost that the last step of a linear problem promises at most,
+constexpr double BEYOND_ENOUGH = 0.01;    // and of what exceeds enough
 
 // The numbers at eight places.
 Lanes gather(const double* from, const int* at) {
@@ -331,7 +332,7 @@ double total_cost(const Rig& rig, const Fit& fit) {
     return cost;
 }
 
-double least_cost(const Rig& rig, Fit& fit, int first, int rounds, Work& work) {
+double least_cost(const Rig& rig, Fit& fit, int first, int rounds, Work& work, double enough) {
     const int size = fit.size - first;
     double* step = work.step.begin();
     for (int round = 0; round < rounds; ++round) {
@@ -349,7 +350,7 @@ double least_cost(const Rig& rig, Fit& fit, int first, int rounds, Work& work) {
             }
             (a < UNKNOWNS ? fit.unknowns[a] : fit.steps[a - UNKNOWNS]) += step[k];
         }
-        if (promise < CONVERGED * (1.0 + fit.cost)) break;
+        if (promise < std::max(CONVERGED * (1.0 + fit.cost), BEYOND_ENOUGH * (fit.cost - promise - enough))) break;
     }
     return total_cost(rig, fit);
 }

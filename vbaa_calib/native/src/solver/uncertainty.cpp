@@ -285,7 +285,8 @@ void predicted_bias(const Errors& errors, const Uncertainty& found, double (&bia
 
 double contact_evidence(const Rig& rig, int rung, const Fit& fit, const Fit& problem, Work& work) {
     work.free.scatter = fit.scatter;
-    const double without = least_cost(rig, work.free, UNKNOWNS, rig.steps() ? ROUNDS : 0, work);
+    const double enough = rung == REFERENCE ? fit.cost + BEYOND_DOUBT : INFINITE;
+    const double without = least_cost(rig, work.free, UNKNOWNS, rig.steps() ? ROUNDS : 0, work, enough);
     if (rung == REFERENCE && without - fit.cost > BEYOND_DOUBT) return without - fit.cost;
     // where a fit ended badly, the linear problem about it says better what a contact explains
     work.other = problem;
