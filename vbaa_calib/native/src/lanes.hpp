@@ -156,8 +156,32 @@ inline double sum(const Lanes& values) {
 inline Lanes sqrt(const Lanes& values) {
     return values.mapped([](double value) { return std::sqrt(value); });
 }
+// By powers of two, which are a number's exponent, and Taylor's series of what is left, at most half of ln 2.
 inline Lanes exp(const Lanes& values) {
-    return values.mapped([](double value) { return std::exp(value); });
+    constexpr double least = -708.0, most = 709.0, by_ln2 = 1.4426950408889634;
+    constexpr double ln2 = 0.693147180369123816490, ln2_rest = 1.90821492927058770002e-10;
+    constexpr double inverse[] = {
+        1.0,        1.0,         1.0 / 2,      1.0 / 6,       1.0 / 24,       1.0 / 120,       1.0 / 720,
+        1.0 / 5040, 1.0 / 40320, 1.0 / 362880, 1.0 / 3628800, 1.0 / 39916800, 1.0 / 479001600, 1.0 / 6227020800.0};
+    using Part = Lanes::Part;
+    using Whole = Lanes::Mask::Part;
+    const Lanes found = Lanes::each([&](int k) {
+        const Part x = values.parts[k];
+        // what is beyond, or not a number, is put right below
+        const Part inside = x > least ? (x < most ? x : Part{} + most) : Part{} + least;
+        const Whole power =
+            __builtin_convertvector(inside * by_ln2 + (inside < 0.0 ? Part{} - 0.5 : Part{} + 0.5), Whole);
+        const Part whole = __builtin_convertvector(power, Part);
+        const Part rest = (inside - whole * ln2) - whole * ln2_rest;
+        Part total = Part{} + inverse[13];
+        for (int n = 12; n >= 0; --n) total = total * rest + inverse[n];
+        const Whole bits = (power + 1023) << 52;
+        Part scale;
+        std::memcpy(&scale, &bits, sizeof scale);
+        return total * scale;
+    });
+    const Lanes beyond = choose(values < least, spread(0.0), choose(values > most, INFINITY, found));
+    return choose(values == values, beyond, values);
 }
 inline Lanes sin(const Lanes& values) {
     return values.mapped([](double value) { return std::sin(value); });

@@ -74,8 +74,9 @@ void put_loads(const Made& made, Vectors force_N, Lanes moment_Nm) {
 // Rotation by the vector (0, y, z) in rad: Rodrigues' formula.
 Frame rotation(Lanes about_y, Lanes about_z) {
     Lanes half = 0.5 * sqrt(about_y * about_y + about_z * about_z);
-    Lanes half_sinc = where_positive(half, sin(half) / half, 1.0);
-    Lanes sine = half_sinc * cos(half), versine = 0.5 * half_sinc * half_sinc;
+    const SineCosine turn = sine_and_cosine(half);
+    Lanes half_sinc = where_positive(half, turn.sine / half, 1.0);
+    Lanes sine = half_sinc * turn.cosine, versine = 0.5 * half_sinc * half_sinc;
     Lanes y = sine * about_y, z = sine * about_z, both = versine * about_y * about_z;
     Lanes y_square = versine * about_y * about_y, z_square = versine * about_z * about_z;
     return {{1.0 - y_square - z_square, z, -y}, {-z, 1.0 - z_square, both}, {y, both, 1.0 - y_square}};
