@@ -116,7 +116,7 @@ def header_line(named: bool = False) -> str:
 
 @lru_cache(maxsize=16)
 def _format(kinds: tuple[type, ...]) -> tuple[str, list[int]]:
-    """The format of a line with cells of these types whose numbers exist, and which cells are no floats."""
+    """The format of a line with cells of these types where all numbers exist, and which cells are no floats."""
     forms = [form if kind is float else "%s" for form, kind in zip(_FORMATS, kinds, strict=False)]
     return ",".join(forms) + "\n", [place for place, kind in enumerate(kinds) if kind is not float]
 

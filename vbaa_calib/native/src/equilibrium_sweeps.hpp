@@ -12,13 +12,11 @@ namespace vbaa::antenna::sweep {
 // EI/GJ of a round wire, 1 + ν. Torsion turns the section, and with it the bow: hundredths of a millimetre.
 constexpr double TORSION_RATIO = 1.3;
 
-// Half angle that sweeps may still turn an end of the antenna when they stop: what it moves is far below a nanometre.
-constexpr double REST_RAD = 1e-10;
-
 // Whether sweeps that change the ends by so much, squared, and by more before, have come to rest in all lanes. They
 // converge linearly: what is left is about the last change times its ratio to the one before.
 inline bool at_rest(const Lanes& square, const Lanes& before) {
-    return sum(choose(square * square <= REST_RAD * REST_RAD * before, spread(0.0), spread(1.0))) == 0.0;
+    constexpr double rad = 1e-10;  // of half an angle: what it moves is far below a nanometre
+    return sum(choose(square * square <= rad * rad * before, spread(0.0), spread(1.0))) == 0.0;
 }
 
 // The clamp's turn about y and z, as half angles.

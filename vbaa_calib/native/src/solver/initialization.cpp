@@ -13,11 +13,10 @@ namespace vbaa::solver {
 
 namespace {
 
-constexpr double NEAREST = 0.05;     // the grid's first distance, in antenna lengths; the last is the tip
-constexpr int ROUNDS = 2;            // reweightings of the points by the residuals of the best distance,
-constexpr double REWEIGHTED = 0.01;  // the second if the first took more than this part of their weight
-constexpr double WARM_COST = 8.0;    // a known start is taken unless another distance explains so much more
-constexpr double FREE = 0.5;         // the free antenna is a contact here without a force: it only places the nodes
+constexpr double NEAREST = 0.05;   // the grid's first distance, in antenna lengths; the last is the tip
+constexpr int ROUNDS = 2;          // reweightings of the points by the residuals of the best distance
+constexpr double WARM_COST = 8.0;  // a known start is taken unless another distance explains so much more
+constexpr double FREE = 0.5;       // the free antenna is a contact here without a force: it only places the nodes
 constexpr double LARGEST_LOAD =
     3.0;                        // F·l²/EI of a start: far bends ask small deflections for a force many times too large
 constexpr int REST = 2 * GRID;  // the column of `crossed` with the residuals
@@ -266,7 +265,8 @@ Grid grid_search(const Rig& rig, const Frame& frame, Fit& free, int every, Work&
             grid.weight[k] = precision * huber_weight(off * std::sqrt(precision));
             whole += precision, left += grid.weight[k];
         }
-        if (left > (1.0 - REWEIGHTED) * whole) break;
+        constexpr double enough = 0.99;  // of their weight is left: another round would change nothing
+        if (left > enough * whole) break;
     }
     return grid;
 }

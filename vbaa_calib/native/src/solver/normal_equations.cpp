@@ -12,8 +12,7 @@ namespace vbaa::solver {
 namespace {
 
 constexpr int EVERY = 4, FOOT_STEPS = 2;  // a foot is searched from the nearest of every fourth node by Newton steps
-constexpr double CONVERGED = 1e-4;        // part of the cost that the last step of a linear problem promises at most,
-constexpr double BEYOND_ENOUGH = 0.01;    // and of what exceeds enough
+constexpr double CONVERGED = 1e-4;        // part of the cost that the last step of a linear problem promises at most
 
 // The numbers at eight places.
 Lanes gather(const double* from, const int* at) {
@@ -350,7 +349,7 @@ double least_cost(const Rig& rig, Fit& fit, int first, int rounds, Work& work, d
             }
             (a < UNKNOWNS ? fit.unknowns[a] : fit.steps[a - UNKNOWNS]) += step[k];
         }
-        if (promise < std::max(CONVERGED * (1.0 + fit.cost), BEYOND_ENOUGH * (fit.cost - promise - enough))) break;
+        if (promise < std::max(CONVERGED * (1.0 + fit.cost), 0.01 * (fit.cost - promise - enough))) break;
     }
     return total_cost(rig, fit);
 }
