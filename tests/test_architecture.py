@@ -33,7 +33,7 @@ CXX_CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b(?=[^=;(,]*=)")
 MOST = {
     "module constants": 890,
     "class names used twice": 0,
-    "classes": 455,
+    "classes": 453,
     "public names": 1111,
     "private words": 53,
     "type: ignore": 4,

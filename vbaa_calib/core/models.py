@@ -19,7 +19,7 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
-    GetCoreSchemaHandler,
+    GetPydanticSchema,
     Strict,
     TypeAdapter,
     ValidationError,
@@ -38,22 +38,19 @@ Number = Annotated[float, Strict(), AllowInfNan(False)]
 WholeNumber = Annotated[int, Strict()]
 
 
-class ReadAs:
-    """Annotation of a value that is made from a value of another type in the file."""
-
-    def __init__(self, written: Any, made: Callable[[Any], Any]) -> None:
-        self.written, self.made = written, made
-
-    def __get_pydantic_core_schema__(self, _: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
-        return core_schema.no_info_after_validator_function(self.made, handler.generate_schema(self.written))
+def read_as(written: Any, made: Callable[[Any], Any]) -> GetPydanticSchema:
+    """Annotation of a value that a function makes from a value of the type `written` in the file."""
+    return GetPydanticSchema(
+        lambda _, handler: core_schema.no_info_after_validator_function(made, handler.generate_schema(written))
+    )
 
 
-def array_of(*shape: int, ge: float | None = None, le: float | None = None) -> ReadAs:
+def array_of(*shape: int, ge: float | None = None, le: float | None = None) -> GetPydanticSchema:
     """Annotation of an array that a file has as nested lists of finite numbers."""
     nested: Any = Annotated[Number, Field(ge=ge, le=le)]
     for length in reversed(shape):
         nested = Annotated[list[nested], Strict(), Field(min_length=length, max_length=length)]
-    return ReadAs(nested, lambda values: np.array(values, float))
+    return read_as(nested, lambda values: np.array(values, float))
 
 
 class FileModel(BaseModel):

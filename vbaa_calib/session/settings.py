@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, GetJsonSchemaHandler
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, GetPydanticSchema
 from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema
 
 from targets.board import BoardWithIds, FileBoard
 from vbaa_calib.antenna.materials import MATERIALS, Material
@@ -19,7 +18,7 @@ from vbaa_calib.antenna.taper import Taper
 from vbaa_calib.core.arrays import gate, real_gravity
 from vbaa_calib.core.errors import Diagnosis, InputError, about
 from vbaa_calib.core.files import read_yaml
-from vbaa_calib.core.models import FileModel, Number, ReadAs, array_of, checked
+from vbaa_calib.core.models import FileModel, Number, array_of, checked, read_as
 from vbaa_calib.detect.board.board_file import with_ids
 from vbaa_calib.geometry import Kinematics, Pose
 
@@ -206,7 +205,7 @@ def _pose(read: _PoseInFile) -> Pose:
     return Pose.from_quaternion(read.rotation_xyzw, read.translation_m)
 
 
-FilePose = Annotated[Pose, ReadAs(_PoseInFile, _pose)]
+FilePose = Annotated[Pose, read_as(_PoseInFile, _pose)]
 """A pose as our files write it."""
 
 
@@ -334,17 +333,12 @@ def _drift(value: Any) -> Any:
     return {**asdict(DRIFTS["lab"]), **value} if isinstance(value, Mapping) else value
 
 
-class _Or:
-    """Annotation of a value for which a file may have one of several names: the JSON Schema of the names."""
-
-    def __init__(self, names: JsonSchemaValue) -> None:
-        self.names = names
-
-    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        return {"anyOf": [handler(schema), self.names]}
+def _or(names: JsonSchemaValue) -> GetPydanticSchema:
+    """Annotation of a value for which a file may have one of several names. names : their JSON Schema."""
+    return GetPydanticSchema(None, lambda schema, handler: {"anyOf": [handler(schema), names]})
 
 
-FileDrift = Annotated[Drift, BeforeValidator(_drift), _Or({"enum": list(DRIFTS)})]
+FileDrift = Annotated[Drift, BeforeValidator(_drift), _or({"enum": list(DRIFTS)})]
 """A drift as our files give it: a name, or a mapping, of which `lab` says what it leaves out."""
 
 
@@ -376,7 +370,7 @@ class SessionFile(FileModel):
 
     VERSION = SCHEMA
     version: Literal["vbaa.session/1"] = Field(alias="schema")
-    board: Annotated[FileBoard, _Or({"type": "string", "description": "a file beside this one that describes it"})]
+    board: Annotated[FileBoard, _or({"type": "string", "description": "a file beside this one that describes it"})]
     antenna: Annotated[NominalAntenna, BeforeValidator(_with_material)]
     jig: _Jig | None = None
     kinematics: _SessionKinematics | None = None

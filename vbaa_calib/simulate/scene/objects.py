@@ -19,7 +19,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from vbaa_calib.core.models import Number, ReadAs, array_of
+from vbaa_calib.core.models import Number, array_of, read_as
 from vbaa_calib.native import core
 
 SHAPES = ("cylinder", "sphere", "knife_edge", "box_edge", "freeform")
@@ -39,7 +39,7 @@ def _unit(vector: np.ndarray) -> np.ndarray:
     return vector / largest / np.linalg.norm(vector / largest)
 
 
-Direction = Annotated[np.ndarray, ReadAs(Annotated[np.ndarray, array_of(3)], _unit)]
+Direction = Annotated[np.ndarray, read_as(Annotated[np.ndarray, array_of(3)], _unit)]
 """A unit vector, in scene files of any length."""
 
 

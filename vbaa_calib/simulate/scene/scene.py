@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, Strict
+from pydantic import Field, GetPydanticSchema, Strict
 
 from targets.board import BoardWithIds
 from vbaa_calib.antenna.rod import TORSION_RATIO, Rod
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.models import Number, ReadAs, WholeNumber, array_of
+from vbaa_calib.core.models import Number, WholeNumber, array_of, read_as
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.session import NominalAntenna
 from vbaa_calib.session.settings import FilePose
@@ -29,12 +29,12 @@ def _radians(angle_deg: Any) -> Any:
     return float(np.deg2rad(angle_deg))
 
 
-def degrees(low: float, high: float) -> ReadAs:
+def degrees(low: float, high: float) -> GetPydanticSchema:
     """Annotation of an angle that the scene file has in degrees, between `low` and `high`."""
-    return ReadAs(Annotated[Number, Field(ge=low, le=high)], _radians)
+    return read_as(Annotated[Number, Field(ge=low, le=high)], _radians)
 
 
-def _range(low: float, high: float, convert: Callable[[Any], Any] = tuple) -> ReadAs:
+def _range(low: float, high: float, convert: Callable[[Any], Any] = tuple) -> GetPydanticSchema:
     """Annotation of a pair of a smallest and a largest value, both between `low` and `high` in the file's units."""
 
     def rising(pair: tuple[float, float]) -> Any:
@@ -43,7 +43,7 @@ def _range(low: float, high: float, convert: Callable[[Any], Any] = tuple) -> Re
         return convert(pair)
 
     one = Annotated[Number, Field(ge=low, le=high)]
-    return ReadAs(tuple[one, one], rising)
+    return read_as(tuple[one, one], rising)
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +180,7 @@ class TraceSpec:
 
     material: Material = "steel"
     colour: _Colour | None = None
-    stretches: Annotated[tuple[Stretch, ...], ReadAs(Annotated[list[Stretch], Strict()], tuple)] = ()
+    stretches: Annotated[tuple[Stretch, ...], read_as(Annotated[list[Stretch], Strict()], tuple)] = ()
     bench: Literal["plain", "cluttered", "wood", "cloth", "patchwork"] = "plain"
     light: Literal["softboxes", "lamp", "side", "daylight"] = "softboxes"
     bench_below_m: Annotated[Number, Field(ge=0.02, le=2)] = 0.15
@@ -235,14 +235,14 @@ class Sweep:
     sweep_rad : first and last angle of the other joint.
     """
 
-    press: Annotated[str, ReadAs(Literal["pan", "tilt"], str)]
-    toward: Annotated[int, ReadAs(Literal["positive", "negative"], {"positive": 1, "negative": -1}.__getitem__)]
+    press: Annotated[str, read_as(Literal["pan", "tilt"], str)]
+    toward: Annotated[int, read_as(Literal["positive", "negative"], {"positive": 1, "negative": -1}.__getitem__)]
     frames: Annotated[WholeNumber, Field(ge=1, le=100_000)]
     free_frames: Annotated[WholeNumber, Field(ge=1, le=1000, default=2)]
     clearance_rad: Annotated[float, degrees(0.01, 90), Field(alias="clearance_deg", default=_radians(2.0))]
     push_rad: Annotated[tuple[float, float], _range(0.1, 60, _radians), Field(alias="push_deg")]
     swells: Annotated[Number, Field(ge=0, le=100, default=1.0)]
-    sweep_rad: Annotated[tuple[float, float], ReadAs(tuple[Number, Number], _radians), Field(alias="sweep_deg")]
+    sweep_rad: Annotated[tuple[float, float], read_as(tuple[Number, Number], _radians), Field(alias="sweep_deg")]
 
 
 @dataclass(frozen=True)
@@ -251,7 +251,7 @@ class PlannedStrokes:
 
     rate_hz: Annotated[Number, Field(ge=1e-3, le=1e5)]
     pause_s: Annotated[Number, Field(ge=0, le=3600, default=5.0)]
-    sweeps: Annotated[tuple[Sweep, ...], ReadAs(Annotated[list[Sweep], Strict(), Field(min_length=1)], tuple)]
+    sweeps: Annotated[tuple[Sweep, ...], read_as(Annotated[list[Sweep], Strict(), Field(min_length=1)], tuple)]
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, Strict
 from targets.board import FileBoard
 from vbaa_calib.core.errors import InputError, about
 from vbaa_calib.core.files import read_yaml
-from vbaa_calib.core.models import FileModel, Number, ReadAs, WholeNumber, array_of, checked
+from vbaa_calib.core.models import FileModel, Number, WholeNumber, array_of, checked, read_as
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.session import NominalAntenna
 from vbaa_calib.session.settings import AnyLength, CameraName, Diameter, FilePose, FileProfile, Gravity
@@ -59,10 +59,10 @@ def _camera_matrix(matrix: np.ndarray) -> np.ndarray:
 @dataclass(frozen=True, eq=False)
 class _SceneCamera:
     image_size: tuple[_Side, _Side]
-    matrix: Annotated[np.ndarray, ReadAs(Annotated[np.ndarray, array_of(3, 3)], _camera_matrix)]
+    matrix: Annotated[np.ndarray, read_as(Annotated[np.ndarray, array_of(3, 3)], _camera_matrix)]
     distortion: Annotated[list[Number], Strict()] = field(default_factory=list)
     model: Literal["opencv", "fisheye"] = "opencv"
-    pose: Annotated[Pose, ReadAs(_LookAt, lambda read: camera_pose(**vars(read)))] | None = None
+    pose: Annotated[Pose, read_as(_LookAt, lambda read: camera_pose(**vars(read)))] | None = None
     T_antenna_camera: FilePose | None = None
 
 
@@ -122,7 +122,7 @@ def _touch_object(read: _Object) -> TouchObject:
     return TouchObject(**vars(read) | {"axis_world": axis, "wedge_world": wedge, "bumps": tuple(read.bumps or ())})
 
 
-FileObject = Annotated[TouchObject, ReadAs(_Object, _touch_object)]
+FileObject = Annotated[TouchObject, read_as(_Object, _touch_object)]
 """The object as scene files and truth.json hold it."""
 
 
@@ -172,24 +172,24 @@ class _SceneFile(FileModel):
     version: Literal["vbaa.scene/1"] = Field(alias="schema")
     name: Annotated[str, BeforeValidator(str)]
     seed: Annotated[WholeNumber, Field(ge=0, le=2**63)]
-    camera: Annotated[tuple[Lens, Pose], ReadAs(_SceneCamera, _lens_and_pose)] | None = None
-    cameras: dict[CameraName, Annotated[tuple[Lens, Pose], ReadAs(_SceneCamera, _lens_and_pose)]] = Field(
+    camera: Annotated[tuple[Lens, Pose], read_as(_SceneCamera, _lens_and_pose)] | None = None
+    cameras: dict[CameraName, Annotated[tuple[Lens, Pose], read_as(_SceneCamera, _lens_and_pose)]] = Field(
         default_factory=dict
     )
     board: FileBoard
     jig: _SceneJig
-    antenna: Annotated[tuple[NominalAntenna, TrueAntenna], ReadAs(_SceneAntenna, _nominal_and_true)]
+    antenna: Annotated[tuple[NominalAntenna, TrueAntenna], read_as(_SceneAntenna, _nominal_and_true)]
     moment_sensor: SceneSensor | None = None
     wrench_sensor: WrenchSpec | None = None
-    kinematics: Annotated[Kinematics, ReadAs(_SceneKinematics, lambda read: Kinematics(**vars(read)))] = Field(
+    kinematics: Annotated[Kinematics, read_as(_SceneKinematics, lambda read: Kinematics(**vars(read)))] = Field(
         default_factory=Kinematics
     )
     gravity_world: Gravity
     object: FileObject
     picture: PictureSpec = Field(default_factory=PictureSpec)
     intrinsics: IntrinsicsSpec
-    noload: Annotated[tuple[Joints, ...], ReadAs(Annotated[list[Joints], Strict(), Field(min_length=1)], tuple)]
-    loads: Annotated[tuple[KnownLoad, ...], ReadAs(Annotated[list[KnownLoad], Strict(), Field(min_length=1)], tuple)]
+    noload: Annotated[tuple[Joints, ...], read_as(Annotated[list[Joints], Strict(), Field(min_length=1)], tuple)]
+    loads: Annotated[tuple[KnownLoad, ...], read_as(Annotated[list[KnownLoad], Strict(), Field(min_length=1)], tuple)]
     recording: PlannedStrokes
     sweep: Annotated[bool, Strict()] = False
     over: OverSpec | None = None
