@@ -25,6 +25,7 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.core.least_squares import CHANCE_SCATTER, Linearised, Rules, disagreement, disagreement_p, minimise
 from vbaa_calib.core.robust import MAD_SCALE, chi_square, huber_weights, mad_std
+from vbaa_calib.detect.whisker.locking import LINE_MODES
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Tip, WrenchSensor
 from vbaa_calib.rig.reprojection import see
@@ -486,13 +487,17 @@ def noise_scale(residuals: Sequence[np.ndarray]) -> float:
     """Ratio of the points' effective standard deviation, when many are averaged, to the stated one: the median over
     the lines (N,), of which one that states more than it has says nothing of the others.
 
-    Measured on means of runs of neighbours, which also sees errors that neighbours share.
+    Measured on means of runs of neighbours, too, which see errors that neighbours share; each line's offset, slope and
+    curvature are fitted.
     """
-    size, found = AntennaSettings.run, list[tuple[float, float]]()
+    found = []
     for points in residuals:
-        runs = points[: len(points) // size * size].reshape(-1, size).mean(axis=1)
-        spread = MAD_SCALE * np.sqrt(size) * float(np.median(np.abs(runs))) if len(runs) else 0.0
-        found.append((spread, mad_std(points)))
+        spreads = [mad_std(points)]
+        for size in AntennaSettings.scatter_runs:
+            runs = points[: len(points) // size * size].reshape(-1, size).mean(axis=1)
+            freed = np.sqrt(size * len(runs) / max(len(runs) - LINE_MODES, 1))
+            spreads.append(MAD_SCALE * freed * float(np.median(np.abs(runs))) if len(runs) > 2 * LINE_MODES else 0.0)
+        found.append(spreads)
     return float(max(*np.median(found, axis=0), 0.2))
 
 

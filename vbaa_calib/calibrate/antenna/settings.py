@@ -43,6 +43,7 @@ class AntennaSettings:
 
     # stretches of a line that something else disturbs: a thread over it, a knot, a reflection
     run: int = 10  # points: longer than the picture's noise is correlated, shorter than the shape
+    scatter_runs: tuple[int, ...] = (10, 40)  # points, whose means show what neighbours share: blocks of JPEG
     disturbed_degree: int = 3  # of the polynomial that residuals of the antenna follow, whatever is wrong with the rig
     disturbed_clear: float = 5.0  # deviations of a run's mean off that, where a stretch is found,
     disturbed_around: float = 2.0  # and up to where it reaches
