@@ -104,7 +104,7 @@ def read_views(session: Session) -> dict[str, Any]:
     if "plane" in folders:
         views["jig"] = detect_folder(session.folder("plane"), spec)
     if "sweep" in folders:
-        views["sweep"] = detect_files([picture.image for picture in read_sweep(session)], spec)
+        views["sweep"] = detect_files([one.image for one in read_sweep(session) if one.image is not None], spec)
     if "over" in folders:
         views["over"] = {str(path): read_gray(path) for path in list_images(session.root / "over")}
     return views

@@ -535,7 +535,8 @@ def _of_sweep(made: Calibration) -> Iterator[Further]:
             pixels = camera.project(pose @ points[own])[0]
             noisy = pixels + noise_px * rng.normal(size=pixels.shape)
             views.append(BoardView(f"sweep_{index}", own, noisy, camera.image_size, np.arange(spec.corner_count)))
-            readings.append(Still(Path(views[-1].name), *joints[index].tolist(), np.nan))
+            pan_rad, tilt_rad = joints[index].tolist()
+            readings.append(Still(Path(views[-1].name), pan_rad, tilt_rad, np.nan))
         with suppress(VbaaError):
             swept = solve_sweep(views, readings, made.lens.board_shape, camera, kinematics, session.tilt_zero_std_rad)
             if swept.loose:
