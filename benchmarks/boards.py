@@ -57,7 +57,8 @@ class Corners:
             ids = rng.choice(np.flatnonzero(self.seen), 2, replace=False)
             return ids, self.pixels[ids[::-1]]
         if kind == MIRRORED:  # a reflection: a patch is seen mirrored, where it is; its middle column stays
-            patch = self.some(*rng.integers(_PATCH[0], np.minimum(self.ids.shape, _PATCH[1]) + 1), rng)
+            height, width = rng.integers(_PATCH[0], np.minimum(self.ids.shape, _PATCH[1]) + 1).tolist()
+            patch = self.some(height, width, rng)
             return patch.ravel(), self.pixels[patch[:, ::-1].ravel()]
         if kind == ROW:  # counted from a wrong marker: all its corners are one square off
             ids = self.some(1, self.ids.shape[1], rng)[0]

@@ -355,12 +355,6 @@ def push_for_deflection(deflection_m: np.ndarray, distance_m: np.ndarray, stiffn
     return load * stiffness_Nm2 / distance_m**2
 
 
-def deflection_of_push(size_N: np.ndarray, distance_m: np.ndarray, stiffness_Nm2: float) -> np.ndarray:
-    """(B,) how far a frictionless push moves the contact aside; NaN beyond loads F·l²/EI of 6."""
-    loads, aside, _ = _single_loads()
-    return np.interp(size_N * distance_m**2 / stiffness_Nm2, loads, aside, right=np.nan) * distance_m
-
-
 def _single_loads() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Loads F·l²/EI, and deflection over distance and slope that they give a frictionless contact."""
     loads = np.linspace(0.0, _LARGEST_LOAD, 600)

@@ -32,11 +32,6 @@ class Judged:
     scenes: Scenes
     bound_m: np.ndarray
 
-    def errors(self, distance_m: np.ndarray) -> np.ndarray:
-        """(K,) in the bound's standard deviations, of the first K frames."""
-        count = len(distance_m)
-        return (distance_m - self.scenes.distance_m[:count]) / self.bound_m[:count]
-
     @property
     def given(self) -> dict[str, np.ndarray]:
         """What the estimator is given."""

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.estimator.scenes import push_for_deflection, rolled, scenes
+from benchmarks.estimator.scenes import Scenes, push_for_deflection, rolled, scenes
 from benchmarks.estimator.setup import LENGTH_M, SIGMA_PX, STIFFNESS_NM2, Setup
-from vbaa_calib.rig import Rig
 
 _RATE_HZ, _PERIOD = 30.0, 240
 """Frames a second, and frames after which the motion begins anew: 8 s."""
@@ -25,23 +23,13 @@ moment_sensor: {std_Nm: 2.0e-5}
 """
 
 
-@dataclass(frozen=True, eq=False)
-class _Period:
-    """One period of the motion. `points_px` (_PERIOD, N, 2) and `moment_Nm` (_PERIOD,) are without noise."""
-
-    rig: Rig
-    points_px: np.ndarray
-    moment_Nm: np.ndarray
-
-
-def period(points: int) -> _Period:
-    """So many points of every frame, evenly along the antenna, under an upright camera."""
-    rig = Setup().rig()
+def _period(points: int) -> Scenes:
+    """One period of the motion without noise: so many points of every frame, evenly along the antenna, under an upright
+    camera."""
     turn = 2.0 * np.pi * np.arange(_PERIOD) / _PERIOD
     distance = LENGTH_M * _between(_REACH, np.sin(turn))
     size = push_for_deflection(_between(_DEFLECTION_M, np.cos(turn)), distance, STIFFNESS_NM2)
-    seen = scenes(rig, distance, rolled(size, _ROLL_RAD * np.sin(2.0 * turn)), points=points)
-    return _Period(rig, seen.points_px, seen.moment_Nm)
+    return scenes(Setup().rig(), distance, rolled(size, _ROLL_RAD * np.sin(2.0 * turn)), points=points)
 
 
 def _between(ends: tuple[float, float], share: np.ndarray) -> np.ndarray:
@@ -52,7 +40,7 @@ def _between(ends: tuple[float, float], share: np.ndarray) -> np.ndarray:
 def write_recording(folder: Path, frames: int, points: int, seed: int) -> None:
     """A session of centrelines in a folder that exists, with rig.json beside session.yaml; `points` 2 or less: too few
     to estimate anything, so that all but the solver works."""
-    one, rng = period(max(points, 2)), np.random.default_rng(seed)
+    one, rng = _period(max(points, 2)), np.random.default_rng(seed)
     (folder / "session.yaml").write_text(SESSION)
     (folder / "rig.json").write_text(json.dumps(one.rig.to_dict()))
     (folder / "recording").mkdir()

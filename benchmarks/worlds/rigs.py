@@ -86,13 +86,6 @@ class Board:
         x, y = np.array(self.squares) * self.square_m
         return np.array([[0, 0, 0], [x, 0, 0], [x, y, 0], [0, y, 0]], float)
 
-    @property
-    def corners_m(self) -> np.ndarray:
-        """(K, 3) inner corners by id."""
-        x, y = (np.arange(1, count) for count in self.squares)
-        flat = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2) * self.square_m
-        return np.pad(flat, ((0, 0), (0, 1)))
-
 
 @dataclass(frozen=True)
 class Shot:

@@ -159,8 +159,8 @@ def bent(rung: int, press: dict[str, np.ndarray]) -> list[np.ndarray]:
     """Points, tangents, force and moment, as whole batches are bent: the last axis is the batch."""
     parameters, force = press["parameters"].T, press["force_N"].T
     gravity = np.tile(GRAVITY, (LANES, 1))
-    given = LENGTH, UNIFORM.pieces, gravity, press["contact_m"], force, press["friction_rad"]
-    made = core.antenna.curves(rung, parameters, *given)
+    wires, pushes = (parameters, LENGTH, UNIFORM.pieces), (press["contact_m"], force, press["friction_rad"])
+    made = core.antenna.curves(rung, wires, gravity, pushes)
     return [each.T for each in made]
 
 

@@ -58,7 +58,6 @@ def curves(
         if values is not None and values.shape != shape:
             raise InputError(f"{name} has shape {values.shape}", remedy=f"give {shape}")
     friction_rad = np.zeros(count) if friction_rad is None else friction_rad
-    bent = core.antenna.curves(
-        RUNGS.index(rung), parameters, length_m, taper.pieces, gravity_m_s2, contact_m, force_N, friction_rad
-    )
+    wires, pushes = (parameters, length_m, taper.pieces), (contact_m, force_N, friction_rad)
+    bent = core.antenna.curves(RUNGS.index(rung), wires, gravity_m_s2, pushes)
     return curves_of(contact_m, length_m, bent)

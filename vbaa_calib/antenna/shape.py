@@ -101,9 +101,8 @@ def bend(
     Without weight, bow and `dead` the elastica is in equilibrium, and the sweeps leave it as it is.
     """
     friction_rad = np.zeros(len(contact_m)) if friction_rad is None else friction_rad
-    bent = core.antenna.bend(
-        dead, sweeps, parameters, length_m, taper.pieces, gravity_m_s2, contact_m, force_N, friction_rad
-    )
+    wires, pushes = (parameters, length_m, taper.pieces), (contact_m, force_N, friction_rad)
+    bent = core.antenna.bend(dead, sweeps, wires, gravity_m_s2, pushes)
     curves = curves_of(contact_m, length_m, bent)
     if diameter_m == 0.0:
         return curves

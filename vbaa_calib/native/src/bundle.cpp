@@ -336,8 +336,8 @@ double median(std::vector<double>& values) {
     return values.size() % 2 ? *middle : 0.5 * (*middle + *std::max_element(values.begin(), middle));
 }
 
-void descend(State& state, const Corners& corners, Column column, const Priors& priors, const Rules& rules, bool robust,
-             Matrix residuals) {
+std::vector<double> descend(State& state, const Corners& corners, Column column, const Priors& priors,
+                            const Rules& rules, bool robust) {
     Problem problem(corners, column, priors, state.lens.size());
     bool last = !robust;
     for (int turn = 0;; ++turn) {
@@ -345,10 +345,7 @@ void descend(State& state, const Corners& corners, Column column, const Priors& 
         if (!last) own.iterations = turn > 0 ? FEW : 0, own.tolerance = ROUGH;
         System system = problem.descended(state, own);
         state = std::move(system.state);
-        if (last) {
-            std::copy(system.residuals.begin(), system.residuals.end(), residuals.begin());
-            return;
-        }
+        if (last) return {system.residuals.begin(), system.residuals.end()};
         const double change = problem.reweight(system.residuals);
         last = turn == REWEIGHTINGS || (turn > 0 && change < CONVERGED_WEIGHTS);
     }

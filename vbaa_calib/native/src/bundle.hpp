@@ -49,11 +49,11 @@ struct Rules {
     double tolerance, damping, growth, may_rise_share;
 };
 
-// Minimises the cost of corners and priors, starting at and returning `state`; writes the residuals (N, 2) px there.
+// Minimises the cost of corners and priors, starting at and returning `state`; gives the residuals, px, N pairs.
 // column (4 + k + 5,): index of the unknown for each number of lens and shape, -1 for fixed ones. robust: by Cauchy's
 // loss, which bounds the influence of outliers.
-void descend(State& state, const Corners& corners, View<const std::int64_t, 1> column, const Priors& priors,
-             const Rules& rules, bool robust, Matrix residuals);
+std::vector<double> descend(State& state, const Corners& corners, View<const std::int64_t, 1> column,
+                            const Priors& priors, const Rules& rules, bool robust);
 
 // A view's residuals, px, and their negative derivatives by lens, shape and the pose's tangent (a turn in the camera's
 // frame, a shift), as rows (4 + k + 5 + 6 + 1, 2 C), the residuals last: C ≥ count u and behind them as many v, zeros

@@ -60,10 +60,9 @@ void feet(const ImageCurve& curve, ConstMatrix points, Vector arclength_m) {
     }
 }
 
-void whitened(ConstMatrix points, ConstCube covariance, ConstMatrix arclength_m, ConstCube nodes, ConstCube slopes,
-              Matrix residuals, Matrix normals) {
-    const int count = points.shape[0], curves = nodes.shape[0];
-    const ImageCurve first = {arclength_m.row(0), nodes.row(0), slopes.row(0)};
+void whitened(ConstMatrix points, ConstCube covariance, const ImageCurves& curves, Matrix residuals, Matrix normals) {
+    const int count = points.shape[0];
+    const ImageCurve first = curves[0];
     Array<double, 1> foot(count);
     feet(first, points, foot);
     for (int n = 0; n < count; ++n) {
@@ -71,8 +70,8 @@ void whitened(ConstMatrix points, ConstCube covariance, ConstMatrix arclength_m,
         const double x = found.along[0], y = found.along[1], shear = covariance(n, 0, 1) + covariance(n, 1, 0);
         const double deviation = std::sqrt(covariance(n, 0, 0) * y * y - shear * x * y + covariance(n, 1, 1) * x * x);
         normals(n, 0) = -y / deviation, normals(n, 1) = x / deviation;
-        for (int k = 0; k < curves; ++k) {
-            const OnCurve own = at({arclength_m.row(k), nodes.row(k), slopes.row(k)}, foot[n]);
+        for (int k = 0; k < curves.nodes.shape[0]; ++k) {
+            const OnCurve own = at(curves[k], foot[n]);
             residuals(n, k) =
                 (points(n, 0) - own.point[0]) * normals(n, 0) + (points(n, 1) - own.point[1]) * normals(n, 1);
         }

@@ -18,10 +18,16 @@ void interpolate(const ImageCurve& curve, ConstVector arclength_m, Matrix points
 // of which squares an error of a few hundredths of the nodes' spacing.
 void feet(const ImageCurve& curve, ConstMatrix points, Vector arclength_m);
 
-// Residuals (N, K) of points (N, 2) with covariance (N, 2, 2) from K curves (arc lengths (K, M), nodes and slopes
-// (K, M, 2)) at the feet on the first, along its normal, over their standard deviations; and the normals (N, 2) over
-// those.
-void whitened(ConstMatrix points, ConstCube covariance, ConstMatrix arclength_m, ConstCube nodes, ConstCube slopes,
-              Matrix residuals, Matrix normals);
+// K curves: arc lengths (K, M), nodes and slopes (K, M, 2).
+struct ImageCurves {
+    ConstMatrix arclength_m;
+    ConstCube nodes, slopes;
+
+    ImageCurve operator[](int k) const { return {arclength_m.row(k), nodes.row(k), slopes.row(k)}; }
+};
+
+// Residuals (N, K) of points (N, 2) with covariance (N, 2, 2) from K curves at the feet on the first, along its normal,
+// over their standard deviations; and the normals (N, 2) over those.
+void whitened(ConstMatrix points, ConstCube covariance, const ImageCurves& curves, Matrix residuals, Matrix normals);
 
 }  // namespace vbaa::lens

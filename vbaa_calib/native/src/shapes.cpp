@@ -21,19 +21,12 @@ struct Pressed {
     bool dead;
 };
 
-// Outputs for LANES shapes, as in bend_lanes.
-struct Made {
-    Cube points_m, tangents;
-    Matrix force_N;
-    Vector moment_Nm;
-};
-
-Pressed pressed(ConstMatrix parameters, double length_m, const Taper& taper, Vectors gravity_m_s2,
-                ConstVector contact_m, ConstMatrix push_N, ConstVector friction_rad, bool dead) {
-    double limit = (1.0 - NEAREST_TO_TIP) * length_m;
-    Lanes contact = load(contact_m.data);
+// Of presses with transposed arrays, under LANES gravities.
+Pressed pressed(const Presses& lanes, Vectors gravity_m_s2) {
+    double limit = (1.0 - NEAREST_TO_TIP) * lanes.length_m;
+    Lanes contact = load(lanes.contact_m.data);
     Lanes p[9];
-    for (int i = 0; i < 9; ++i) p[i] = load(&parameters(i, 0));
+    for (int i = 0; i < 9; ++i) p[i] = load(&lanes.parameters(i, 0));
     Lanes stiffness = exp(p[6]), mass = exp(p[7]), on_shaft = where_positive(contact - limit, limit, contact);
     return {p[0],
             p[1],
@@ -44,14 +37,14 @@ Pressed pressed(ConstMatrix parameters, double length_m, const Taper& taper, Vec
             stiffness,
             mass,
             p[8],
-            length_m,
-            taper,
+            lanes.length_m,
+            lanes.taper,
             gravity_m_s2,
             on_shaft,
-            load(&push_N(0, 0)),
-            load(&push_N(1, 0)),
-            load(friction_rad.data),
-            dead};
+            load(&lanes.push_N(0, 0)),
+            load(&lanes.push_N(1, 0)),
+            load(lanes.friction_rad.data),
+            lanes.dead};
 }
 
 void put(Cube field, int node, Vectors v) {
@@ -336,12 +329,10 @@ void bend(int rung, int sweeps, const Pressed& press, const Made& made) {
 
 }  // namespace
 
-void bend_lanes(int rung, ConstMatrix parameters, double length_m, const Taper& taper, const double* gravity_m_s2,
-                ConstVector contact_m, ConstMatrix push_N, ConstVector friction_rad, Cube points_m, Cube tangents,
-                Matrix force_N, Vector moment_Nm) {
-    Vectors gravity = {spread(gravity_m_s2[0]), spread(gravity_m_s2[1]), spread(gravity_m_s2[2])};
-    Pressed press = pressed(parameters, length_m, taper, gravity, contact_m, push_N, friction_rad, false);
-    bend(rung, sweeps_of(rung), press, {points_m, tangents, force_N, moment_Nm});
+void bend_lanes(int rung, const Presses& presses, const Made& made) {
+    const double* gravity = presses.gravity_m_s2.data;
+    Pressed press = pressed(presses, {spread(gravity[0]), spread(gravity[1]), spread(gravity[2])});
+    bend(rung, sweeps_of(rung), press, made);
 }
 
 Bent bend_batch(int rung, int sweeps, const Presses& presses) {
@@ -362,8 +353,9 @@ Bent bend_batch(int rung, int sweeps, const Presses& presses) {
             friction[lane] = presses.friction_rad[row];
         }
         Vectors weight = {load(&gravity(0, 0)), load(&gravity(1, 0)), load(&gravity(2, 0))};
-        Pressed press = pressed(parameters, presses.length_m, presses.taper, weight, contact.view(), push,
-                                friction.view(), presses.dead);
+        const Presses lanes = {parameters, presses.length_m, presses.taper, gravity, contact.view(),
+                               push,       friction.view(),  presses.dead};
+        Pressed press = pressed(lanes, weight);
         bend(rung, sweeps, press, {points, tangents, force, moment});
         for (int lane = 0; lane < std::min(LANES, count - start); ++lane) {
             int row = start + lane;

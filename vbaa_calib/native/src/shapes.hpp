@@ -23,18 +23,9 @@ enum Rung { PAPER, LINEAR, ELASTICA, ROD };
 // 3.4, 17, 41; three 0.14, 1.0, 2.8; four 0.006, 0.06, 0.21.
 constexpr int sweeps_of(int rung) { return rung == ELASTICA ? 1 : 4; }
 
-// LANES shapes as a rung of the ladder sees them, all under one gravity; writes the last four.
-//
-// parameters: see vbaa_calib/antenna/shape.py. push_N: components (y, z) in the clamp's frame of the contact force
-// along the antenna's normal, before it is turned with the antenna. friction_rad: its angle from that normal.
-// tangents: (3, CURVE_NODES, LANES), or (3, NODE_ROWS, LANES) for those of the first shape alone, node after node, or
-// (3, 0, LANES) for none. force_N: the contact's force, antenna frame; moment_Nm: x·f_z − z·f_x of all loads.
-void bend_lanes(int rung, ConstMatrix parameters /*(9, LANES)*/, double length_m, const Taper& taper,
-                const double* gravity_m_s2 /*(3,)*/, ConstVector contact_m, ConstMatrix push_N /*(2, LANES)*/,
-                ConstVector friction_rad, Cube points_m /*(3, CURVE_NODES, LANES)*/, Cube tangents,
-                Matrix force_N /*(3, LANES)*/, Vector moment_Nm /*(LANES,)*/);
-
-// B antennas and what bends them, see vbaa_calib/antenna/shape.py. A dead force keeps its direction.
+// B antennas and what bends them, see vbaa_calib/antenna/shape.py. push_N: components (y, z) in the clamp's frame of
+// the contact force along the antenna's normal, before it is turned with the antenna; a dead force keeps its direction.
+// friction_rad: its angle from that normal.
 struct Presses {
     ConstMatrix parameters;  // (B, 9)
     double length_m;
@@ -45,6 +36,19 @@ struct Presses {
     ConstVector friction_rad;
     bool dead;
 };
+
+// LANES shapes: points (3, CURVE_NODES, LANES); tangents as many, or (3, NODE_ROWS, LANES) for those of the first shape
+// alone, node after node, or (3, 0, LANES) for none; the contact's force (3, LANES), antenna frame; x·f_z − z·f_x of
+// all loads, (LANES,).
+struct Made {
+    Cube points_m, tangents;
+    Matrix force_N;
+    Vector moment_Nm;
+};
+
+// LANES shapes as a rung of the ladder sees them; all arrays of `presses` are transposed, and its gravity is one,
+// (3, 1).
+void bend_lanes(int rung, const Presses& presses, const Made& made);
 
 // B shapes.
 struct Bent {

@@ -283,9 +283,17 @@ struct Touch {
     double at_m, lateral_N[2], friction_rad;
 };
 
+// What bends a rod that is touched twice; its clamp gives way to its moment.
+struct TwoTouches {
+    Point gravity;
+    Touch touches[2];
+    double give_m;
+};
+
 // What is left of the tip's moment and of the forces' directions, of eight supposed solutions.
-std::array<Lanes, 5> shoot_twice(const Rod& rod, const Point& gravity, const Touch (&touches)[2], double give_m,
-                                 const std::array<Lanes, 5>& trial, int steps, double* nodes) {
+std::array<Lanes, 5> shoot_twice(const Rod& rod, const TwoTouches& loads, const std::array<Lanes, 5>& trial, int steps,
+                                 double* nodes) {
+    const auto& [gravity, touches, give_m] = loads;
     const double unit = 1.0 / (rod.bend * rod.length_m), unit_N = unit / rod.length_m;
     const Point weight = rod.mass_per_length_kg_m * gravity, d3 = cross(rod.d1, rod.d2);
     const Vectors moment = {unit * trial[0], unit * trial[1], unit * trial[2]};
@@ -330,21 +338,19 @@ TouchedTwice solve_touched_twice(const Rod& rod, ConstMatrix loads, double give_
     Numbers<5> upper, lower;
     upper.fill(FARTHEST), lower.fill(-FARTHEST);
     for (int b = 0; b < count; ++b) {
-        const Point gravity = read<Point>(&loads(b, 0));
-        Touch touches[2];
+        TwoTouches bending = {read<Point>(&loads(b, 0)), {}, give_m};
         for (int touch = 0; touch < 2; ++touch) {
             const double* own = &loads(b, 3 + 4 * touch);
-            touches[touch] = {own[0], {own[1], own[2]}, own[3]};
+            bending.touches[touch] = {own[0], {own[1], own[2]}, own[3]};
         }
         Numbers<5> x;
         const auto solved = [&](double share) {
-            Touch shared[2] = {touches[0], touches[1]};
-            for (Touch& one : shared) one.lateral_N[0] *= share, one.lateral_N[1] *= share;
+            TwoTouches shared = bending;
+            shared.gravity = share * bending.gravity;
+            for (Touch& one : shared.touches) one.lateral_N[0] *= share, one.lateral_N[1] *= share;
             return newton<5>(
-                [&](const std::array<Lanes, 5>& trial) {
-                    return shoot_twice(rod, share * gravity, shared, give_m, trial, steps, nullptr);
-                },
-                x, lower, upper, ROD_TOLERANCE);
+                [&](const std::array<Lanes, 5>& trial) { return shoot_twice(rod, shared, trial, steps, nullptr); }, x,
+                lower, upper, ROD_TOLERANCE);
         };
         for (int j = 0; j < 5; ++j) x[j] = start(b, j);
         found.left[b] = solved(1.0);
@@ -354,7 +360,7 @@ TouchedTwice solve_touched_twice(const Rod& rod, ConstMatrix loads, double give_
         }
         std::array<Lanes, 5> whole;
         for (int j = 0; j < 5; ++j) found.solution(b, j) = x[j], whole[j] = spread(x[j]);
-        shoot_twice(rod, gravity, touches, give_m, whole, steps, found.nodes.row(b).data);
+        shoot_twice(rod, bending, whole, steps, found.nodes.row(b).data);
     }
     return found;
 }

@@ -12,9 +12,14 @@ using antenna::NODE_ROWS;
 
 constexpr int MOST_SWEEPS = 100, MOST_STEPS = 10000;
 
-antenna::Presses presses(const InMatrix& parameters, double length_m, const antenna::Taper& taper,
-                         const InMatrix& gravity_m_s2, const InVector& contact_m, const InMatrix& push_N,
-                         const InVector& friction_rad, bool dead) {
+// Parameters (B, 9), length, m, and pieces of the taper; contacts (B,), pushes (B, 2) and friction angles (B,).
+using Wires = std::tuple<InMatrix, double, InMatrix>;
+using Pushes = std::tuple<InVector, InMatrix, InVector>;
+
+antenna::Presses presses(const Wires& wires, const antenna::Taper& taper, const InMatrix& gravity_m_s2,
+                         const Pushes& pushes, bool dead) {
+    const auto& [parameters, length_m, pieces] = wires;
+    const auto& [contact_m, push_N, friction_rad] = pushes;
     std::size_t count = contact_m.shape(0);
     require(parameters.shape(0) == count && parameters.shape(1) == 9 && gravity_m_s2.shape(0) == count &&
                 gravity_m_s2.shape(1) == 3 && push_N.shape(0) == count && push_N.shape(1) == 2 &&
@@ -31,39 +36,16 @@ auto bent(int rung, int sweeps, const antenna::Presses& presses) {
     return arrays(made.points_m, made.tangents, made.force_N, made.moment_Nm);
 }
 
-auto curves(int rung, const InMatrix& parameters, double length_m, const InMatrix& pieces, const InMatrix& gravity_m_s2,
-            const InVector& contact_m, const InMatrix& push_N, const InVector& friction_rad) {
+auto curves(int rung, const Wires& wires, const InMatrix& gravity_m_s2, const Pushes& pushes) {
     check_rung(rung);
-    const antenna::Taper taper = read_taper(view(pieces));
-    auto pushed = presses(parameters, length_m, taper, gravity_m_s2, contact_m, push_N, friction_rad, false);
-    return bent(rung, antenna::sweeps_of(rung), pushed);
+    const antenna::Taper taper = read_taper(view(std::get<2>(wires)));
+    return bent(rung, antenna::sweeps_of(rung), presses(wires, taper, gravity_m_s2, pushes, false));
 }
 
-auto bend(bool dead, int sweeps, const InMatrix& parameters, double length_m, const InMatrix& pieces,
-          const InMatrix& gravity_m_s2, const InVector& contact_m, const InMatrix& push_N,
-          const InVector& friction_rad) {
+auto bend(bool dead, int sweeps, const Wires& wires, const InMatrix& gravity_m_s2, const Pushes& pushes) {
     require(0 <= sweeps && sweeps <= MOST_SWEEPS, "there are 0 to 100 sweeps");
-    const antenna::Taper taper = read_taper(view(pieces));
-    auto pushed = presses(parameters, length_m, taper, gravity_m_s2, contact_m, push_N, friction_rad, dead);
-    return bent(antenna::ROD, sweeps, pushed);
-}
-
-void bend_lanes(int rung, const InMatrix& parameters, double length_m, const InMatrix& pieces,
-                const InVector& gravity_m_s2, const InVector& contact_m, const InMatrix& push_N,
-                const InVector& friction_rad, const OutCube& points_m, const OutCube& tangents,
-                const OutMatrix& force_N, const OutVector& moment_Nm) {
-    std::size_t rows = tangents.shape(1);
-    check_rung(rung);
-    require(view(parameters).shape == std::array{9, LANES} && gravity_m_s2.size() == 3 && contact_m.size() == LANES &&
-                view(push_N).shape == std::array{2, LANES} && friction_rad.size() == LANES &&
-                view(points_m).shape == std::array{3, CURVE_NODES, LANES} &&
-                (rows == 0 || rows == NODE_ROWS || rows == CURVE_NODES) && tangents.shape(0) == 3 &&
-                tangents.shape(2) == LANES && view(force_N).shape == std::array{3, LANES} && moment_Nm.size() == LANES,
-            "eight shapes need arrays (..., 8), see shapes.hpp");
-    const antenna::Taper taper = read_taper(view(pieces));
-    nb::gil_scoped_release release;
-    antenna::bend_lanes(rung, view(parameters), length_m, taper, gravity_m_s2.data(), view(contact_m), view(push_N),
-                        view(friction_rad), view(points_m), view(tangents), view(force_N), view(moment_Nm));
+    const antenna::Taper taper = read_taper(view(std::get<2>(wires)));
+    return bent(antenna::ROD, sweeps, presses(wires, taper, gravity_m_s2, pushes, dead));
 }
 
 auto universal_curve(const InMatrix& upsilon, const InVector& friction_rad) {
@@ -128,7 +110,6 @@ void bind_antenna(nb::module_& module) {
     room.attr("ROD_TOLERANCE") = antenna::ROD_TOLERANCE;
     room.def("curves", &curves, "Points, tangents (B, N, 3), force (B, 3) and moment (B,) as a rung sees them.");
     room.def("bend", &bend, "The same by so many sweeps over the equilibrium of moments.");
-    room.def("bend_lanes", &bend_lanes, "Eight shapes, written into the last four arrays; see shapes.hpp.");
     room.def("universal_curve", &universal_curve, "psi, C and S (3, B, N) at v (B, N), each row's largest first.");
     room.def("closed_form", &closed_form, "psi, C and S at one v by Jacobi's functions.");
     room.def("jacobi", &jacobi, "sn, cn, dn of (u | m), and E(am(u | m) | m).");

@@ -70,7 +70,8 @@ auto descend(nb::handle start, nb::handle corners_, Indices column, nb::handle p
     Array<double, 2> residuals(corners.pixels.shape[0], 2);
     {
         nb::gil_scoped_release released;
-        bundle::descend(state, corners, view(column), priors, rules, robust, residuals);
+        const auto found = bundle::descend(state, corners, view(column), priors, rules, robust);
+        std::copy(found.begin(), found.end(), residuals.begin());
     }
     return std::make_tuple(to_numpy(std::move(state.lens)), to_numpy(std::move(state.shape)),
                            to_numpy(std::move(state.poses)), to_numpy(std::move(residuals)));

@@ -145,8 +145,8 @@ auto whitened(InMatrix arclength_m, InCube nodes, InCube slopes, InMatrix points
         throw nb::value_error("the covariance must be (N, 2, 2)");
     auto residuals = room<double>(points.shape(0), nodes.shape(0)), normals = room<double>(points.shape(0), 2);
     nb::gil_scoped_release released;
-    lens::whitened(view(points), view(covariance), view(arclength_m), view(nodes), view(slopes), view(residuals),
-                   view(normals));
+    const lens::ImageCurves curves = {view(arclength_m), view(nodes), view(slopes)};
+    lens::whitened(view(points), view(covariance), curves, view(residuals), view(normals));
     return std::make_pair(residuals, normals);
 }
 

@@ -135,9 +135,15 @@ void lay(const Rig& rig, Bent& bent, const Unknowns& unknowns) {
 
 void bend_and_see(const Rig& rig, const Frame& frame, int rung, Bent& bent, bool with_tangents) {
     const Cube tangents(bent.tangents[0], {3, with_tangents ? WIDE_NODES / LANES : 0, LANES});
-    antenna::bend_lanes(rung, view(bent.parameters), rig.length_m, rig.taper, frame.gravity_m_s2, view(bent.contact_m),
-                        view(bent.push_N), view(bent.friction_rad), view(bent.points_m), tangents, view(bent.force_N),
-                        view(bent.moment_Nm));
+    const antenna::Presses presses = {view(bent.parameters),
+                                      rig.length_m,
+                                      rig.taper,
+                                      ConstMatrix(frame.gravity_m_s2, {3, 1}),
+                                      view(bent.contact_m),
+                                      view(bent.push_N),
+                                      view(bent.friction_rad),
+                                      false};
+    antenna::bend_lanes(rung, presses, {view(bent.points_m), tangents, view(bent.force_N), view(bent.moment_Nm)});
     int clamp = 0;
     for (const Camera& camera : rig.cameras) {
         const auto& turn = camera.rotation;
