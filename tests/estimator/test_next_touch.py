@@ -12,7 +12,7 @@ import pytest
 
 from benchmarks.estimator.setup import drawn_truth
 from benchmarks.object.scenes import CASES, RIGID, SETUP, Recorded, contacts, play
-from benchmarks.recording.recording import lengthened, played
+from benchmarks.recording import lengthened, played
 from estimator.contact.common_errors import shared_errors
 from estimator.object.estimate import estimate_object
 from estimator.object.next_touch import JointLimits, NextTouch, next_touch

@@ -11,7 +11,7 @@ import pytest
 from benchmarks.estimator.cameras import drawn
 from benchmarks.estimator.setup import ACROSS, Setup, drawn_truth
 from benchmarks.object.scenes import AXIS, CASES, CENTRE, RIGID, SETUP, Recorded, contacts, play
-from benchmarks.recording.recording import CELLS, PIN_M, PIN_STD_M, bound_m, lengthened, measured, played, run
+from benchmarks.recording import CELLS, PIN_M, PIN_STD_M, bound_m, lengthened, measured, played, run
 from estimator.recording import Refined, refine
 from estimator.table.contacts import ContactTable, Measured
 from vbaa_calib.rig import Rig

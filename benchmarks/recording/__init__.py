@@ -1,1 +1,0 @@
-"""Recordings refined as one, against what is true of them."""
