@@ -58,9 +58,12 @@ class FitNumbers:
 
     def __getattr__(self, name: str) -> np.ndarray:
         """The numbers of that name, of all frames."""
-        if name.startswith("_") or name not in core.solver.NUMBERS["names"]:
-            raise AttributeError(f"a fit has no {name}")
-        values: np.ndarray = self.rows[name]
+        if name.startswith("_") or name == "rows":  # of a copy that is not whole yet
+            raise AttributeError(name)
+        try:
+            values: np.ndarray = self.rows[name]
+        except ValueError:
+            raise AttributeError(f"a fit has no {name}") from None
         return values
 
     def __len__(self) -> int:
