@@ -298,11 +298,12 @@ class ContactEstimator:
         for begin in range(0, len(left), most):
             if begin:
                 yield
-            rows = left[begin : begin + most]
+            # a slice copies no points
+            rows = left[begin : begin + most] if known else slice(begin, begin + most)
             if found is None:
                 found = self._fitted(batch, beam)
             else:
-                found.put(rows, self._fitted(batch if len(rows) == count else batch.picked(rows), beam))
+                found.put(rows, self._fitted(batch.picked(rows), beam))
         assert found is not None
         contacts = contacts_of(found, self._rig_arrays.rig, self.friction_rad, batch, self.model)
         contacts = with_joint_errors(contacts, batch)

@@ -93,7 +93,7 @@ class FitNumbers:
         """The numbers of one frame."""
         return self.picked(slice(index, index + 1))
 
-    def put(self, rows: np.ndarray, part: FitNumbers) -> None:
+    def put(self, rows: slice | np.ndarray, part: FitNumbers) -> None:
         """Write the numbers of some frames into their rows."""
         self.rows[rows] = part.rows
 
