@@ -69,12 +69,17 @@ class _Level:
         bend = rows[:, :, 2:] - 2.0 * rows[:, :, 1:-1] + rows[:, :, :-2]
         return np.maximum(np.median(np.abs(bend), axis=(1, 2)) / (NORMAL_QUARTILE * np.sqrt(6.0)), settings.least_noise)
 
-    def texture(self, apart_px: float, settings: RodSettings) -> np.ndarray:
-        """(channels,) standard deviation of the difference between places `apart_px` apart on typical surfaces."""
+    def texture(self, apart_px: float, settings: RodSettings, axes: Sequence[int] = (1, 2)) -> np.ndarray:
+        """(channels,) standard deviation of the difference between places `apart_px` apart on typical surfaces, down
+        the picture (axis 1) and across it (2)."""
         smooth = np.stack([cv2.blur(each, (3, 3)) for each in self.planes])
         off, few = max(1, round(apart_px)), max(1, self.planes.shape[1] // settings.sampled_rows)
-        differences = [smooth[:, off::few] - smooth[:, :-off:few], smooth[:, ::few, off:] - smooth[:, ::few, :-off]]
-        return np.mean([np.median(np.abs(each), axis=(1, 2)) for each in differences], axis=0) / NORMAL_QUARTILE
+        found = []
+        for axis in axes:
+            places = smooth[:, ::few] if axis == 2 else smooth.swapaxes(1, 2)
+            step = 1 if axis == 2 else few
+            found.append(np.median(np.abs(places[..., off::step] - places[..., :-off:step]), axis=(1, 2)))
+        return np.mean(found, axis=0) / NORMAL_QUARTILE
 
 
 def _shading_of(channels: int, settings: RodSettings) -> np.ndarray:
@@ -118,10 +123,11 @@ def _paths_at(
     settings: RodSettings,
     bound: float,
     colours: np.ndarray | None = None,
+    apart_from: _MeasuredRod | None = None,
 ) -> list[_RodPath]:
     """Candidate paths of ribbons of one width (in the photograph's pixels), the best first; from clamp to tip where
-    these are known. Their evidence is at least the best's less `bound`, and their colour one of `colours` (K,
-    channels) if any."""
+    these are known. Their evidence is at least the best's less `bound`, their colour one of `colours` (K, channels) if
+    any, and they do not run along `apart_from`."""
     clamp, tip = ends
     height, columns = level.planes.shape[1:]
     width, diagonal = width_px * level.scale, float(np.hypot(height, columns))
@@ -131,6 +137,7 @@ def _paths_at(
     down = _ribbon_evidence(level, width, texture, settings)
     transposed = _Level(np.ascontiguousarray(level.planes.swapaxes(1, 2)), level.scale)
     across = _ribbon_evidence(transposed, width, texture, settings)
+    less = np.zeros((height, columns), np.float32)
     if colours is not None:
         spread = settings.other_colour * _shading_of(len(level.planes), settings)
         smooth = [cv2.blur(each, (3, 3)) for each in level.planes]
@@ -138,7 +145,13 @@ def _paths_at(
             sum(((each - own) / by) ** 2 for each, own, by in zip(smooth, colour, spread, strict=True))
             for colour in colours
         ]
-        less = np.clip(np.min(unlike, axis=0) - 1.0, 0.0, -settings.gap).astype(np.float32)
+        less += np.clip(np.min(unlike, axis=0) - 1.0, 0.0, -settings.gap)
+    if apart_from is not None:
+        line = np.rint((apart_from.curve_px + 0.5) * level.scale - 0.5).astype(np.int32)
+        cv2.polylines(
+            less, [line], False, settings.enough - settings.gap, max(1, round(2.0 * apart_from.width_px * level.scale))
+        )
+    if less.any():
         step = core.search.ROW_STEP
         for evidence, each in ((down, less), (across, less.T)):
             evidence -= each[step // 2 :: step][: len(evidence), None]
@@ -295,9 +308,18 @@ class _MeasuredRod:
         """Whether the line has no gap and so much evidence that no better one is expected."""
         return self.gap_px is None and self.parts["mean"] > settings.good_mean and self.has_edges(settings)
 
+    def is_whole(self, settings: RodSettings) -> bool:
+        """Whether the line has no gap, and enough evidence for one that has both edges nearly everywhere."""
+        return self.gap_px is None and self.has_edges(settings) and self.parts["mean"] > settings.least_mean_edged
+
     def has_edges(self, settings: RodSettings) -> bool:
         """Whether nearly all its stations have both edges."""
         return self.parts["edges"] > settings.good_edges
+
+    @property
+    def straight_mean(self) -> float:
+        """Mean evidence along the line, less half its winding: a path that goes over to another line winds."""
+        return self.parts["mean"] - 0.5 * self.parts["winding"]
 
     @property
     def may_be_shadow(self) -> bool:
@@ -312,7 +334,7 @@ class _MeasuredRod:
                 return self.curve_px[end]
         ends = [(odds, end) for odds, end in zip(self.holder, (0, -1), strict=True) if self.inside[end]]
         odds, end = min(ends, default=(-1.0, 0))
-        return self.curve_px[end] if odds > settings.clear_end else None
+        return self.curve_px[end] if odds > 2.0 * settings.clear_end else None
 
     def contains(self, line: np.ndarray, share: float = 0.8) -> bool:
         """Whether at least a fraction `share` of a line's points (N, 2) lie in this rod."""
@@ -363,7 +385,7 @@ def _fitted(
     diagonal = float(np.hypot(*picture_planes.shape[1:])) * patch.scale
     cell = max(width, settings.correlation_share * diagonal)
     there, parts = _along(planes, curve, width, cell, seen, settings)
-    parts |= {"edges": edged, "wander": mad_std(misses) / width, "length_share": length / diagonal}
+    parts["edges"] = edged
     holder = _holders(planes, noise, curve, width, settings)
     known = first is not None and last is not None
     evidence = parts["ribbon"] if known else _rod_odds(parts, inside, holder, settings)
@@ -419,7 +441,12 @@ def _course(
             return None
 
     def to_the_ends(beyond: float) -> tuple[np.ndarray, np.ndarray, tuple[bool, bool], float]:
-        curve, misses = _robust(points, scale, width, beyond)
+        # where nothing is measured next to a known end, it is the end that is known
+        lead, trail = (
+            [end[None]] if end is not None and np.hypot(*(points - end).T).min() > width else [] for end in ends
+        )
+        curve, misses = _robust(np.concatenate([*lead, points, *trail]), scale, width, beyond)
+        misses = misses[len(lead) : len(misses) - len(trail)]
         curve, inside, hidden = _to_the_ends(patch, curve, width, ends, beyond, settings)
         return curve, misses, inside, hidden
 
@@ -464,10 +491,10 @@ def _along(
     soft = planes if sigma < 0.3 else np.stack([cv2.GaussianBlur(each, (0, 0), sigma) for each in planes])
     strip = _Strip.along(soft, curve, fine, 4.0 * width, fine)
     level = _Level(np.ascontiguousarray(strip.values), 1.0 / fine)
-    # texture of the sides: the rod's own edges are none
+    # texture of the sides along the line: edges of the rod and of its shadow are none
     outer = strip.across_px < -width, strip.across_px > width
     apart = settings.flank_widths * settings.level_width_px
-    textures = [_Level(level.planes[:, :, side], level.scale).texture(apart, settings) for side in outer]
+    textures = [_Level(level.planes[:, :, side], level.scale).texture(apart, settings, (1,)) for side in outer]
     each = _ribbon_evidence(level, settings.level_width_px, np.mean(textures, axis=0), settings)
     log = each[:, each.shape[1] // 2, len(strip.across_px) // 2].astype(float)
     inside = np.asarray(strip.inside[:, np.abs(strip.across_px) < width].all(axis=1))
@@ -498,11 +525,8 @@ def _along(
     return there, {
         "ribbon": float(log.mean()) * length / cell,
         "mean": float(log.mean()),
-        "gaps": float(np.mean(log < 0.5)),
-        "turning": float(np.abs(np.diff(angle)).sum()),
+        "winding": max(0.0, float(np.abs(np.diff(angle)).sum() - 1.5 * np.ptp(angle)) - 1.0),
         "net": float(np.ptp(angle)),
-        "sharpest": _sharpest(angle, 3.0 * width * len(curve) / length),
-        "aspect": length / width,
         "shadow": float(np.mean(shadow)),
         "first_shadow": float(shadow[0]),
         "last_shadow": float(shadow[-1]),
@@ -528,12 +552,6 @@ def _filled(colours: np.ndarray) -> np.ndarray:
         return colours
     nearest = np.abs(np.subtract.outer(known, np.arange(colours.shape[1]))).argmin(axis=0)
     return np.asarray(colours[:, known[nearest]])
-
-
-def _sharpest(angle: np.ndarray, run: float) -> float:
-    """Largest change of a direction (M,) within `run` places."""
-    by = min(max(1, round(run)), len(angle) - 1)
-    return float(np.abs(angle[by:] - angle[:-by]).max())
 
 
 def _goes_on(
@@ -584,7 +602,7 @@ def _rod_odds(
         min(0.0, parts["mean"] - settings.least_mean_alone),
         parts["edges"],
         min(parts["net"], settings.bent),
-        max(0.0, parts["turning"] - 1.5 * parts["net"] - 1.0),
+        parts["winding"],
         min(parts["sides"], 3.0),
         parts["shadow"],
         float(all(inside) and max(holder) < -settings.clear_end),
@@ -621,7 +639,7 @@ def _holders(
         tangent = line[-1] - line[-max(2, min(len(line), int(2.0 * width / step)))]
         tangent = tangent / max(np.hypot(*tangent), 1e-9)
         across_axis = np.array([-tangent[1], tangent[0]])
-        along = np.linspace(0.8, 2.0, 7)[:, None] * width
+        along = np.linspace(0.8, 2.0, 7)[:, None] * width + 2.0  # two pixels may be blurred
         colours = []
         # sides as before the end, as a clamp is wider than the rod; near by there may be hairs or a shadow
         lows = (-3.0, -1.6, 0.9, 2.3)
@@ -870,16 +888,22 @@ def _to_the_ends(
 
 
 def _other(middle: np.ndarray, sides: list[np.ndarray], least_chroma: float) -> np.ndarray:
-    """(S,) 1 where the hue of colours (channels, S) differs unusually from their neighbourhood, else 0."""
-    chroma = (middle - 0.5 * (sides[0] + sides[1]))[1:]
-    known = np.isfinite(chroma).all(axis=0)
-    usual = np.median(chroma[:, known], axis=1) if len(chroma) and known.any() else np.zeros(2)
+    """(S,) 1 where the hue of colours (channels, S) differs unusually from what it is elsewhere, and from that of their
+    neighbourhood, else 0."""
+    own, contrast = middle[1:], (middle - 0.5 * (sides[0] + sides[1]))[1:]
+    known = np.isfinite(contrast).all(axis=0)
+    if len(own) == 0 or not known.any():
+        return np.zeros(middle.shape[1])
+    usual = np.median(contrast[:, known], axis=1)
     size = float(np.hypot(*usual))
     if not size > least_chroma:
         return np.zeros(middle.shape[1])
-    along = usual @ chroma / size**2
-    across = np.hypot(*(chroma - along * usual[:, None])) / size
-    return ((across > 0.7) | ((along < 0.0) & (np.hypot(*chroma) > 0.4 * size))).astype(float)
+    along = usual @ contrast / size**2
+    across = np.hypot(*(contrast - along * usual[:, None])) / size
+    unlike = (across > 0.7) | ((along < 0.0) & (np.hypot(*contrast) > 0.4 * size))
+    # where the background changes and the rod does not, it is the same rod
+    changed = np.hypot(*(own - np.median(own[:, known], axis=1)[:, None])) > 0.7 * size
+    return (unlike & changed).astype(float)
 
 
 def _shadowed(middle: np.ndarray, side: np.ndarray, shading: np.ndarray, settings: RodSettings) -> np.ndarray:
@@ -945,9 +969,9 @@ class RodSearch:
             remedy = "check --clamp and --tip" if known == 2 else _END_REMEDY
             raise InputError(f"no rod can be made out{where}: nothing stands out like one", remedy=remedy)
         edged = best.gap_px is None and best.has_edges(settings) and not best.may_be_shadow
-        if known == 2 and best.parts["mean"] < (settings.least_mean_edged if edged else settings.least_mean):
+        if best.parts["mean"] < (settings.least_mean_edged if edged or known < 2 else settings.least_mean):
             what = "no rod can be made out: the likeliest line is one only in parts"
-            raise InputError(what, remedy="check --clamp and --tip")
+            raise InputError(what, remedy="check --clamp and --tip" if known == 2 else _END_REMEDY)
         if best.gap_px is not None:
             u, v = best.gap_px
             what = f"the likeliest line is interrupted near {u:.0f},{v:.0f}"
@@ -958,8 +982,13 @@ class RodSearch:
             what = f"the likeliest line cannot be followed near {u:.0f},{v:.0f}: it goes on there, or into a shadow"
             raise InputError(what, remedy=f"{_END_REMEDY}, or choose with --candidate N")
         if known == 2:
-            least_mean = best.parts["mean"] - settings.alike
-            alike = [line.parts["mean"] > least_mean and not best.contains(line.curve_px) for line in self.candidates]
+            least_mean = best.straight_mean - settings.alike
+            alike = [
+                line.straight_mean > least_mean
+                and not best.contains(line.curve_px)
+                and (best.may_be_shadow or not line.may_be_shadow)
+                for line in self.candidates
+            ]
         else:
             least = max(settings.rival_odds, best.evidence - settings.rival_lead)
             alike = [
@@ -1030,6 +1059,8 @@ def _between(planes: np.ndarray, clamp: np.ndarray, tip: np.ndarray, settings: R
     """Lines from clamp to tip, the likeliest first."""
     levels = _levels_of(planes, settings)
     found = _ranked(_measured(planes, levels, clamp, tip, None, settings), settings)
+    if found and found[0].may_be_shadow:  # what casts it runs beside it
+        found = _ranked(found + _measured(planes, levels, clamp, tip, None, settings, found[0]), settings)
     if found and not found[0].is_good(settings) and found[0].parts["mean"] > settings.coloured_mean:
         # of one colour, as at the ends
         colours = found[0].end_colours(planes)
@@ -1044,15 +1075,17 @@ def _measured(
     tip: np.ndarray,
     colours: np.ndarray | None,
     settings: RodSettings,
+    apart_from: _MeasuredRod | None = None,
 ) -> list[_MeasuredRod]:
-    """Measured lines from clamp to tip, searching from the widest ribbons to the narrowest until one is a good rod."""
+    """Measured lines from clamp to tip but along `apart_from`, searching from the widest ribbons to the narrowest until
+    one is a good rod."""
     found: list[_MeasuredRod] = []
     bound, mean = settings.most_cost, 0.0
     for level, width_px in levels:
         if any(line.is_good(settings) and line.width_px > 1.8 * width_px for line in found):
             break
-        for path in _paths_at(level, width_px, (clamp, tip), settings, bound, colours):
-            length = arc_lengths(path.path_px)[-1]
+        for path in _paths_at(level, width_px, (clamp, tip), settings, bound, colours, apart_from):
+            length = max(arc_lengths(path.path_px)[-1], np.hypot(*(tip - clamp)))  # wide paths end short of the ends
             mean = max(mean, path.mean)
             if length < settings.least_aspect * width_px or path.mean < max(settings.least_path_mean, mean - 1.0):
                 continue
@@ -1066,9 +1099,15 @@ def _measured(
 
 
 def _ranked(found: list[_MeasuredRod], settings: RodSettings) -> list[_MeasuredRod]:
-    """Lines in order of mean evidence, or of total evidence where the means are about equal."""
-    best = max((line.parts["mean"] for line in found), default=0.0)
-    return sorted(found, key=lambda line: (line.parts["mean"] < best - settings.alike, -line.evidence))
+    """Lines in order of mean evidence less their winding, or of total evidence where that is about equal; shadows after
+    what may cast them."""
+    sound = [line for line in found if not line.may_be_shadow and line.is_whole(settings)]
+    best = max((line.straight_mean for line in sound or found), default=0.0)
+
+    def order(line: _MeasuredRod) -> tuple[bool, bool, float]:
+        return bool(sound) and line.may_be_shadow, line.straight_mean < best - settings.alike, -line.evidence
+
+    return sorted(found, key=order)
 
 
 def _lines(

@@ -107,9 +107,8 @@ class Lattice {
         return found;
     }
 
-    // States in the midst of straight pieces with much evidence, the best first.
-    std::vector<State> seeds() const {
-        constexpr int steps = 3;  // to either side, over which there has to be evidence
+    // States in the midst of straight pieces with much evidence, so many steps to either side, the best first.
+    std::vector<State> seeds(int steps) const {
         std::vector<std::pair<float, State>> found;
         const int cell = std::max(1, static_cast<int>(_rules.apart_px));
         for (const bool across : {false, true}) {
@@ -336,7 +335,9 @@ std::vector<FoundPath> best_paths(View<const float, 3> down, View<const float, 3
     }
     constexpr int most_seeds = 16;
     int tried = 0;
-    for (const State& seed : lattice.seeds()) {
+    std::vector<State> seeds = lattice.seeds(3);
+    for (const State& each : lattice.seeds(1)) seeds.push_back(each);  // where a rod is short or much bent
+    for (const State& seed : seeds) {
         if (static_cast<int>(found.size()) == rules.count || tried == most_seeds) break;
         if (lattice.taken(seed)) continue;
         ++tried;
