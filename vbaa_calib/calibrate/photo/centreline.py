@@ -385,7 +385,7 @@ def _fitted(
     diagonal = float(np.hypot(*picture_planes.shape[1:])) * patch.scale
     cell = max(width, settings.correlation_share * diagonal)
     there, parts = _along(planes, curve, width, cell, seen, settings)
-    parts["edges"] = edged
+    parts |= {"edges": edged, "length_share": length / diagonal}
     holder = _holders(planes, noise, curve, width, settings)
     known = first is not None and last is not None
     evidence = parts["ribbon"] if known else _rod_odds(parts, inside, holder, settings)
@@ -608,6 +608,7 @@ def _rod_odds(
         float(all(inside) and max(holder) < -settings.clear_end),
         float(not any(inside)),
         float(np.log(max(parts["contrast"], 0.3))),
+        float(np.log(parts["length_share"])),
         1.0,
     )
     return sum(weight * term for weight, term in zip(settings.rod_odds, terms, strict=True))
@@ -990,7 +991,8 @@ class RodSearch:
                 for line in self.candidates
             ]
         else:
-            least = max(settings.rival_odds, best.evidence - settings.rival_lead)
+            lead, least_lead = settings.rival_lead
+            least = min(max(settings.rival_odds, best.evidence - lead), best.evidence - least_lead)
             alike = [
                 line.evidence > least and (best.may_be_shadow or not line.may_be_shadow) for line in self.candidates
             ]
