@@ -117,18 +117,17 @@ def _levels_of(planes: np.ndarray, settings: RodSettings) -> list[tuple[_Level, 
 
 
 def _paths_at(
-    level: _Level,
-    width_px: float,
+    at: tuple[_Level, float],
     ends: tuple[np.ndarray | None, np.ndarray | None],
     settings: RodSettings,
     bound: float,
     colours: np.ndarray | None = None,
     apart_from: _MeasuredRod | None = None,
 ) -> list[_RodPath]:
-    """Candidate paths of ribbons of one width (in the photograph's pixels), the best first; from clamp to tip where
-    these are known. Their evidence is at least the best's less `bound`, their colour one of `colours` (K, channels) if
-    any, and they do not run along `apart_from`."""
-    clamp, tip = ends
+    """Candidate paths of ribbons of one width `at` a level (in the photograph's pixels), the best first; from clamp to
+    tip where these are known. Their evidence is at least the best's less `bound`, their colour one of `colours` (K,
+    channels) if any, and they do not run along `apart_from`."""
+    (level, width_px), (clamp, tip) = at, ends
     height, columns = level.planes.shape[1:]
     width, diagonal = width_px * level.scale, float(np.hypot(height, columns))
     if min(height, columns) < 2 * core.search.ROW_STEP:
@@ -650,6 +649,9 @@ def _holders(
             at = at[np.all((at >= 0) & (at <= size), axis=1)].round().astype(int)
             colours.append(np.median(planes[:, at[:, 1], at[:, 0]], axis=1) if len(at) > 5 else None)
         beyond, *sides = colours
+        if beyond is None:
+            found.append(0.0)
+            continue
         # as unlike as places of the sides are along the line: a weave or a grain is no clamp
         near = line[-max(4, int(8.0 * width / step)) :]
         strip = _Strip.along(planes, near, 0.3 * width, 3.0 * width, max(0.25, width / 8.0))
@@ -659,7 +661,7 @@ def _holders(
         grain = np.nan_to_num(np.nanmedian(np.nan_to_num(scatter), axis=(0, 2))) / NORMAL_QUARTILE
         base = 2.0 * shading**2 + noise**2 + grain**2
         odds = []
-        for side in (each for each in sides if beyond is not None and each is not None):
+        for side in (each for each in sides if each is not None):
             square, most = (beyond - side) ** 2, base + other
             lit, light = base.copy(), beyond[0] / max(side[0], 1.0)
             if len(base) > 1 and settings.darkest_shadow < min(light, 1.0 / max(light, 1e-9)):
@@ -1048,8 +1050,8 @@ def search_rod(
         found = _between(planes, clamp, tip, settings)
     else:
         paths: list[_RodPath] = []
-        for level, width_px in _levels_of(planes, settings):
-            paths += _paths_at(level, width_px, (clamp, tip), settings, settings.most_cost_alone)
+        for at in _levels_of(planes, settings):
+            paths += _paths_at(at, (clamp, tip), settings, settings.most_cost_alone)
         paths.sort(key=lambda path: -path.evidence)
         found = _lines(planes, _grouped(paths, settings), [clamp, tip], settings)
     if clamp is None or tip is None:
@@ -1060,33 +1062,33 @@ def search_rod(
 def _between(planes: np.ndarray, clamp: np.ndarray, tip: np.ndarray, settings: RodSettings) -> list[_MeasuredRod]:
     """Lines from clamp to tip, the likeliest first."""
     levels = _levels_of(planes, settings)
-    found = _ranked(_measured(planes, levels, clamp, tip, None, settings), settings)
+    found = _ranked(_measured(planes, levels, (clamp, tip), settings), settings)
     if found and found[0].may_be_shadow:  # what casts it runs beside it
-        found = _ranked(found + _measured(planes, levels, clamp, tip, None, settings, found[0]), settings)
+        found = _ranked(found + _measured(planes, levels, (clamp, tip), settings, apart_from=found[0]), settings)
     if found and not found[0].is_good(settings) and found[0].parts["mean"] > settings.coloured_mean:
         # of one colour, as at the ends
         colours = found[0].end_colours(planes)
-        found = _ranked(found + _measured(planes, levels, clamp, tip, colours, settings), settings)
+        found = _ranked(found + _measured(planes, levels, (clamp, tip), settings, colours), settings)
     return found
 
 
 def _measured(
     planes: np.ndarray,
     levels: list[tuple[_Level, float]],
-    clamp: np.ndarray,
-    tip: np.ndarray,
-    colours: np.ndarray | None,
+    ends: tuple[np.ndarray, np.ndarray],
     settings: RodSettings,
+    colours: np.ndarray | None = None,
     apart_from: _MeasuredRod | None = None,
 ) -> list[_MeasuredRod]:
     """Measured lines from clamp to tip but along `apart_from`, searching from the widest ribbons to the narrowest until
     one is a good rod."""
     found: list[_MeasuredRod] = []
-    bound, mean = settings.most_cost, 0.0
-    for level, width_px in levels:
+    bound, mean, (clamp, tip) = settings.most_cost, 0.0, ends
+    for at in levels:
+        width_px = at[1]
         if any(line.is_good(settings) and line.width_px > 1.8 * width_px for line in found):
             break
-        for path in _paths_at(level, width_px, (clamp, tip), settings, bound, colours, apart_from):
+        for path in _paths_at(at, ends, settings, bound, colours, apart_from):
             length = max(arc_lengths(path.path_px)[-1], np.hypot(*(tip - clamp)))  # wide paths end short of the ends
             mean = max(mean, path.mean)
             if length < settings.least_aspect * width_px or path.mean < max(settings.least_path_mean, mean - 1.0):
