@@ -57,8 +57,11 @@ def _percent(value: float, std: float) -> str:
 
 def _restilled(problem: Problem, change: Callable[[int, Still], Still]) -> Problem:
     """The problem with changed readings of the static frames."""
-    every = enumerate(problem.observations)
-    return replace(problem, observations=[replace(one, still=change(i, one.still)) for i, one in every])
+    stills = [change(index, one.still) for index, one in enumerate(problem.observations)]
+    pairs = zip(problem.observations, stills, strict=True)
+    return replace(
+        problem, observations=[one if still is one.still else replace(one, still=still) for one, still in pairs]
+    )
 
 
 def _reloaded(problem: Problem, which: Sequence[int], change: Callable[[Load], Load]) -> Problem:

@@ -92,8 +92,9 @@ def _condensed(problem: Problem, parameters: np.ndarray, settings: SessionSettin
     scatter *= max(float(np.sqrt(alike)), 1.0)
     common = settings.common**2
     seen = [one.at(nodes, scatter * np.sqrt(2.0 / (len(one.t) * weights) + common)) for one in distances]
-    found = replace(problem, seen_at_lens=seen, noise_scale=1.0, known_axes=None, places=nodes)
-    return replace(found, known_axes=found.line_axes()) if problem.prior.drift.line_px else found
+    found = replace(problem, seen_at_lens=seen, noise_scale=1.0, known_axes=None, known_light=None, places=nodes)
+    axes = found.line_axes() if problem.prior.drift.line_px else None
+    return replace(found, known_axes=axes, known_light=found.light_modes())
 
 
 def _without_load(frame: Still) -> Still:

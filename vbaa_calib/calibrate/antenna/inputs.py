@@ -9,7 +9,6 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from vbaa_calib.antenna.taper import UNIFORM, Taper
-from vbaa_calib.calibrate.antenna.settings import AntennaSettings
 from vbaa_calib.calibrate.lens.settings import LensSettings
 from vbaa_calib.calibrate.lens.uncertainty import pixel_grid, projection_jacobian
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
@@ -65,13 +64,18 @@ class ReadingGroups:
 
     def corrected(self, stills: Sequence[Still], errors: np.ndarray) -> list[Still]:
         """The static frames with their loads' distances and forces corrected by errors (K,)."""
-        # the last one, of index −1, is nobody's
-        steps = np.append(errors * self.std, 0.0)
-        further, heavier = steps[self.distance].tolist(), np.exp(steps[self.force]).tolist()
+        further, heavier = (each.tolist() for each in self.corrections(errors))
         return [
             _read(still, *off) if isinstance(still, Load) else still
             for still, *off in zip(stills, further, heavier, strict=True)
         ]
+
+    def corrections(self, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """By how much (F,) in m loads lie further from the clamp than read, and how many times (F,) they are heavier,
+        for errors (K,)."""
+        # the last one, of index −1, is nobody's
+        steps = np.append(errors * self.std, 0.0)
+        return steps[self.distance], np.exp(steps[self.force])
 
     def ends(self, stills: Sequence[Still], at: np.ndarray, farthest_m: float) -> np.ndarray:
         """(K,) upper bounds of the errors: with the other errors at `at`, no load lies beyond the end."""
@@ -132,14 +136,6 @@ class Observation:
     def loaded(self) -> bool:
         """Whether the antenna is loaded."""
         return bool(self.load_N.any())
-
-    def with_readings_altered(self) -> tuple[Observation, Observation]:
-        """The frame with its load one difference step nearer to the clamp, and with its force one step larger, for
-        numerical derivatives; without a load the frame itself."""
-        if not isinstance(self.still, Load):
-            return self, self
-        nearer, heavier = -AntennaSettings.load_step_m, float(np.exp(AntennaSettings.log_force_step))
-        return replace(self, still=_read(self.still, nearer, 1.0)), replace(self, still=_read(self.still, 0.0, heavier))
 
 
 @dataclass(frozen=True, eq=False)

@@ -97,8 +97,10 @@ class Problem:
     uneven: np.ndarray | None = None
     places: np.ndarray | None = None  # (N,) of every picture's points along its line, −1 to 1; None: evenly
     thinner: float = 0.0  # error of the taper, in deviations, with which shapes are bent
-    # as `line_axes` gives them, where they are known
+    misread: np.ndarray | None = None  # (K,) errors of the readings in `observations`, with which shapes are bent
+    # as `line_axes` and `light_modes` give them, where they are known
     known_axes: list[tuple[np.ndarray, np.ndarray]] | None = None
+    known_light: list[np.ndarray] | None = None
 
     @staticmethod
     def of(observations: Sequence[Observation], prior: Prior, length_m: float, moment_std_Nm: float) -> Problem:
@@ -189,7 +191,12 @@ class Problem:
         Raises LensLost where that lens folds before points that the prior's lens sees.
         """
         camera = self.camera(parameters)
-        here = replace(self._loaded(parameters), readings_at=parameters[self.readings])
+        stills = self.groups.corrected(
+            [one.still for one in self.observations], parameters[self.readings] - self.readings_at
+        )
+        observations = [replace(one, still=still) for one, still in zip(self.observations, stills, strict=True)]
+        here = replace(self._loaded(parameters), observations=observations, misread=None)
+        here = replace(here, readings_at=parameters[self.readings])
         images = image_curves(here.curves(parameters[None, ANTENNA]), self.pose(parameters).inverse())
         seen = see_each(camera, [(one.points_px, one.std_px(self.noise_scale)) for one in self.observations])
         seen = with_slopes_on_curves(seen, camera, images)
@@ -228,25 +235,37 @@ class Problem:
         step = self.prior.lens_axes @ (parameters[self.lens] - self.lens_at)
         return [points.with_lens_moved(step) for points in self.seen_at_lens]
 
+    def _loads(self) -> tuple[np.ndarray, np.ndarray]:
+        """Places (F,) in m and forces (F, 2) of the observations' loads, along y and z in N; zero without a load."""
+        stills = [one.still for one in self.observations]
+        contact = np.array([one.distance_m if isinstance(one, Load) else 0.5 * self.length_m for one in stills])
+        force = np.array([one.load_N for one in self.observations]).reshape(-1, 2)
+        if self.misread is None:
+            return contact, force
+        further, heavier = self.groups.corrections(self.misread)
+        return contact + further, force * heavier[:, None]
+
     def curves(self, antennas: np.ndarray) -> Curves:
         """Shapes of A antennas (A, 9) under the load of each of F observations: F·A curves, observation by
         observation."""
-        count, each = len(self.observations), len(antennas)
-        parameters = np.tile(antennas, (count, 1))
+        every, each = np.arange(len(self.observations)), len(antennas)
+        return self._bent(np.repeat(every, each), np.tile(antennas, (len(every), 1)), *self._loads(), each)
+
+    def _bent(
+        self, which: np.ndarray, parameters: np.ndarray, contact_m: np.ndarray, force_N: np.ndarray, each: int = 1
+    ) -> Curves:
+        """Shapes of B antennas (B, 9) in the gravity of observations (B,), under a load for `each` of them in turn, at
+        places (B / each,) and of forces (B / each, 2)."""
         if self.changes is not None:
-            parameters = parameters + np.repeat(self.changes, each, axis=0)
+            parameters = parameters + self.changes[which]
         uneven = np.zeros(3) if self.uneven is None else self.uneven
         factor = np.exp(uneven[0] * np.array([-0.5, 0.5]))
-        gravity = np.repeat([one.gravity_m_s2 for one in self.observations], each, axis=0)
-        load = np.repeat([one.load_N for one in self.observations], each, axis=0)
-        stills = [one.still for one in self.observations]
-        contact = [one.distance_m if isinstance(one, Load) else 0.5 * self.length_m for one in stills]
         curves = bend(
             parameters,
             self.length_m,
-            gravity * [1.0, *factor],
-            np.repeat(contact, each),
-            load * factor,
+            self._gravity[which] * [1.0, *factor],
+            np.repeat(contact_m, each),
+            np.repeat(force_N, each, axis=0) * factor,
             dead=True,
             sweeps=4,  # more change nothing
             taper=self.prior.taper.thinned(self.prior.log_tip_std * self.thinner),
@@ -255,6 +274,11 @@ class Problem:
         if not uneven.any():
             return curves
         return _unevenly_bent(replace(curves, moment_Nm=curves.moment_Nm / factor[1]), parameters, uneven[1:])
+
+    @cached_property
+    def _gravity(self) -> np.ndarray:
+        """(F, 3) antenna frame."""
+        return np.array([one.gravity_m_s2 for one in self.observations]).reshape(-1, 3)
 
     def evaluate(self, parameters: np.ndarray) -> Evaluation:
         """Predictions at these parameters, with derivatives."""
@@ -295,8 +319,7 @@ class Problem:
             moments = np.hstack([moments, [rows[-1] for rows in by_taper]])
             tips = {index: np.hstack([row, by_end[index]]) for index, row in tips.items()}
         if len(light := parameters[self.light]):
-            by_light = map(self.light_modes, range(len(blocks)))
-            pairs = zip(blocks, by_light, strict=True)
+            pairs = zip(blocks, self._light_modes, strict=True)
             blocks = [np.hstack([block[:, :1] + (by @ light)[:, None], block[:, 1:], by]) for block, by in pairs]
             tips = {index: np.hstack([row, np.zeros((1, len(light)))]) for index, row in tips.items()}
         width = len(RIG_STEPS) + self.light.stop - RIG + 1
@@ -310,12 +333,13 @@ class Problem:
         antennas = np.repeat(parameters[None, ANTENNA], _BENT, axis=0)
         antennas[1:] += np.diag(RIG_STEPS[6:])
         every = range(len(self.observations))
-        found = _wrenches_of(curves, self.observations, np.tile(antennas, (len(every), 1)))
+        gravity, force = (np.repeat(each, _BENT, axis=0) for each in (self._gravity, self._loads()[1]))
+        found = _wrenches_of(curves, gravity, force, np.tile(antennas, (len(every), 1)))
         found = found.reshape(len(every), _BENT, 6)
         if not self.groups.count:
             return found
-        three = [each for one in self.observations for each in (one, *one.with_readings_altered())]
-        loaded = _wrenches_of(self._by_load(parameters, every)[0], three, parameters[None, ANTENNA])
+        altered, gravity = self._altered_loads(every), np.repeat(self._gravity, 3, axis=0)
+        loaded = _wrenches_of(self._by_load(parameters, every)[0], gravity, altered[1], parameters[None, ANTENNA])
         slopes = [_by_step(each.T) for each in loaded.reshape(len(every), 3, 6)]
         by_readings = [self.groups.columns(index, *each.T).T for index, each in enumerate(slopes)]
         return np.concatenate([found, by_readings], axis=1)
@@ -334,15 +358,10 @@ class Problem:
         return {int(index): moved.picked(np.array([row])) for row, index in enumerate(self.tips)}
 
     def _loaded(self, parameters: np.ndarray) -> Problem:
-        """The observations with their loads corrected by these parameters."""
-        errors = parameters[self.readings] - self.readings_at
-        if self.thinner != (thinner := float(parameters[self.taper].sum())):
-            return replace(self, thinner=thinner)._loaded(parameters)
-        if not errors.any():
-            return self
-        stills = self.groups.corrected([one.still for one in self.observations], errors)
-        loaded = [replace(one, still=still) for one, still in zip(self.observations, stills, strict=True)]
-        return replace(self, observations=loaded)
+        """The problem whose shapes are bent by loads and a taper as these parameters correct them."""
+        errors, thinner = parameters[self.readings] - self.readings_at, float(parameters[self.taper].sum())
+        misread = errors if errors.any() else None
+        return self if misread is None and thinner == self.thinner else replace(self, misread=misread, thinner=thinner)
 
     def slopes_by_load(self, parameters: np.ndarray, seen: Sequence[SeenPoints]) -> list[np.ndarray]:
         """Per observation the derivatives (N + 1, 2) of its N whitened distances and its moment by its load's
@@ -390,11 +409,15 @@ class Problem:
         std_px = np.hypot(self.prior.drift.line_px, self.observations[index].locking * self.prior.drift.lock_px)
         return self._modes(index) * std_px / self.noise_scale
 
-    def light_modes(self, index: int) -> np.ndarray:
-        """(N, 3) derivatives of an observation's whitened distances by the errors common to all lines, each in its
-        standard deviation."""
-        std_px = np.hypot(self.prior.drift.light_px, self.observations[index].locking * self.prior.drift.lock_px)
-        return self._modes(index) * std_px
+    def light_modes(self) -> list[np.ndarray]:
+        """Per observation the derivatives (N, 3) of its whitened distances by the errors common to all lines, each in
+        its standard deviation."""
+        drift, every = self.prior.drift, enumerate(self.observations)
+        return [self._modes(i) * np.hypot(drift.light_px, one.locking * drift.lock_px) for i, one in every]
+
+    @cached_property
+    def _light_modes(self) -> list[np.ndarray]:
+        return self.light_modes() if self.known_light is None else self.known_light
 
     def without_line(self, index: int, rows: np.ndarray) -> np.ndarray:
         """Rows (N, ...) of an observation's points, with their line's common errors marginalised (whitened)."""
@@ -429,11 +452,19 @@ class Problem:
     def _by_load(self, parameters: np.ndarray, which: Sequence[int]) -> tuple[Curves, Pose]:
         """Three curves for each of the selected observations: with its load as read, and with each of its two
         readings altered."""
-        some = [self.observations[index] for index in which]
-        three = [each for one in some for each in (one, *one.with_readings_altered())]
-        changes = None if self.changes is None else np.repeat(self.changes[list(which)], 3, axis=0)
-        curves = replace(self, observations=three, changes=changes).curves(parameters[None, ANTENNA])
+        three = np.repeat(np.array(which, int), 3)
+        curves = self._bent(three, np.tile(parameters[ANTENNA], (len(three), 1)), *self._altered_loads(which))
         return curves, self.pose(parameters).inverse()
+
+    def _altered_loads(self, which: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+        """Places (3 W,) and forces (3 W, 2) of the loads of observations: each as it is, one difference step nearer to
+        the clamp, and one step heavier."""
+        contact, force = (np.repeat(each[list(which)], 3, axis=0) for each in self._loads())
+        contact[1::3] -= AntennaSettings.load_step_m * np.array(
+            [isinstance(self.observations[index].still, Load) for index in which], float
+        )
+        force[2::3] *= np.exp(AntennaSettings.log_force_step)
+        return contact, force
 
     def whitened_by_load(self, parameters: np.ndarray) -> list[np.ndarray]:
         """`slopes_by_load` in the units of the residuals."""
@@ -482,7 +513,7 @@ class Problem:
         light, parts = parameters[self.light], []
         for index in np.flatnonzero(self.kept).tolist():
             off = whitened_residuals(seen[index], own[index])[:, 0]
-            off = off + self.light_modes(index) @ light if len(light) else off
+            off = off + self._light_modes[index] @ light if len(light) else off
             parts.append(self.without_line(index, off) / self.noise_scale)
         parts += [self._away(estimate, parameters)[1] for estimate in self.prior.poses]
         along = [whitened_along(end, own[index]) for index, end in ends.items()]
@@ -573,17 +604,15 @@ class Problem:
         return whiten, whiten @ away
 
 
-def _wrenches_of(curves: Curves, observations: Sequence[Observation], antennas: np.ndarray) -> np.ndarray:
-    """(B, 6) force and moment about the antenna's origin of loads and weight, of as many curves of every observation as
-    of antennas (A, 9) in turn."""
-    each = len(curves.points_m) // len(observations)
-    gravity = np.repeat([one.gravity_m_s2 for one in observations], each, axis=0)
-    load = np.repeat([[0.0, *one.load_N] for one in observations], each, axis=0)
+def _wrenches_of(curves: Curves, gravity_m_s2: np.ndarray, load_N: np.ndarray, antennas: np.ndarray) -> np.ndarray:
+    """(B, 6) force and moment about the antenna's origin of loads (B, 2) along y and z, and of the weight in gravity
+    (B, 3), of antennas (A, 9) in turn."""
+    load = np.column_stack([np.zeros(len(load_N)), load_N])
     mass = np.exp(np.resize(antennas[:, 7], len(load)))[:, None]
     points, step = curves.points_m, np.diff(curves.arclength_m)
     middle = np.einsum("bn,bni->bi", step, 0.5 * (points[:, 1:] + points[:, :-1]))
-    force = load + mass * gravity * curves.arclength_m[:, -1:]
-    moment = np.cross(curves.contact_m, load) + mass * np.cross(middle, gravity)
+    force = load + mass * gravity_m_s2 * curves.arclength_m[:, -1:]
+    moment = np.cross(curves.contact_m, load) + mass * np.cross(middle, gravity_m_s2)
     moment[:, 1] = -curves.moment_Nm
     return np.hstack([force, moment])
 

@@ -414,6 +414,7 @@ def _antenna_rows(joint: BundleAdjustment, observations: Sequence[Observation]) 
         readings_at=wide[problem.readings.start : own.stop],
         changes=None,
         known_axes=None,
+        known_light=None,
     ).relinearised(wide)
     found = []
     for index, (_, rows) in enumerate(there.by_still(wide)):
