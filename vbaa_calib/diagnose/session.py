@@ -57,10 +57,10 @@ def _percent(value: float, std: float) -> str:
 
 def _restilled(problem: Problem, change: Callable[[int, Still], Still]) -> Problem:
     """The problem with changed readings of the static frames."""
-    stills = [change(index, one.still) for index, one in enumerate(problem.observations)]
-    pairs = zip(problem.observations, stills, strict=True)
+    frames = [change(index, one.still) for index, one in enumerate(problem.observations)]
+    pairs = zip(problem.observations, frames, strict=True)
     return replace(
-        problem, observations=[one if still is one.still else replace(one, still=still) for one, still in pairs]
+        problem, observations=[one if frame is one.still else replace(one, still=frame) for one, frame in pairs]
     )
 
 
@@ -608,6 +608,7 @@ def _camera(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
         return enlarged(replace(problem, prior=replace(problem.prior, poses=poses)), v, middle)
 
     # which pictures differ from the others, and what puts them right
+    parts: tuple[tuple[str, Alteration], ...]
     parts = (("the antenna's pictures", partial(enlarged, about=middle)), ("the lens's pictures", cropped))
     for index, (which, alter) in enumerate(parts):
 

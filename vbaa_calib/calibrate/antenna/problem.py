@@ -191,10 +191,9 @@ class Problem:
         Raises LensLost where that lens folds before points that the prior's lens sees.
         """
         camera = self.camera(parameters)
-        stills = self.groups.corrected(
-            [one.still for one in self.observations], parameters[self.readings] - self.readings_at
-        )
-        observations = [replace(one, still=still) for one, still in zip(self.observations, stills, strict=True)]
+        errors, frames = parameters[self.readings] - self.readings_at, [one.still for one in self.observations]
+        pairs = zip(self.observations, self.groups.corrected(frames, errors), strict=True)
+        observations = [replace(one, still=frame) for one, frame in pairs]
         here = replace(self._loaded(parameters), observations=observations, misread=None)
         here = replace(here, readings_at=parameters[self.readings])
         images = image_curves(here.curves(parameters[None, ANTENNA]), self.pose(parameters).inverse())
@@ -237,8 +236,8 @@ class Problem:
 
     def _loads(self) -> tuple[np.ndarray, np.ndarray]:
         """Places (F,) in m and forces (F, 2) of the observations' loads, along y and z in N; zero without a load."""
-        stills = [one.still for one in self.observations]
-        contact = np.array([one.distance_m if isinstance(one, Load) else 0.5 * self.length_m for one in stills])
+        frames = [one.still for one in self.observations]
+        contact = np.array([one.distance_m if isinstance(one, Load) else 0.5 * self.length_m for one in frames])
         force = np.array([one.load_N for one in self.observations]).reshape(-1, 2)
         if self.misread is None:
             return contact, force
