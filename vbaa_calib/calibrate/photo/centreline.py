@@ -608,6 +608,7 @@ def _rod_odds(
         float(not any(inside)),
         float(np.log(max(parts["contrast"], 0.3))),
         float(np.log(parts["length_share"])),
+        max(0.0, parts["net"] - settings.most_bend),
         1.0,
     )
     return sum(weight * term for weight, term in zip(settings.rod_odds, terms, strict=True))
@@ -1056,7 +1057,7 @@ def search_rod(
         found = _lines(planes, _grouped(paths, settings), [clamp, tip], settings)
     if clamp is None or tip is None:
         found.sort(key=lambda fit: -fit.evidence)
-    return RodSearch(_different(found), 0.5 * (np.array([width, height]) - 1.0), clamp, tip, settings)
+    return RodSearch(_different(found, settings), 0.5 * (np.array([width, height]) - 1.0), clamp, tip, settings)
 
 
 def _between(planes: np.ndarray, clamp: np.ndarray, tip: np.ndarray, settings: RodSettings) -> list[_MeasuredRod]:
@@ -1136,6 +1137,12 @@ def _lines(
                 found.remove(likely)
             likely, done = fit, fit.gap_px is None and 0.6 < fit.width_px / path.width_px < 1.7
             found.append(fit)
+        if likely is not None and likely.evidence > 0.0:  # it may be a highlight or a stripe along a wider one
+            wider = (
+                replace(group[0], path_px=likely.curve_px, width_px=times * likely.width_px) for times in (3.0, 6.0)
+            )
+            fits = (_fitted(planes, path, ends[0], ends[1], settings) for path in wider)
+            found += [fit for fit in fits if fit is not None and fit.width_px > 1.7 * likely.width_px]
     return found
 
 
@@ -1152,11 +1159,11 @@ def _grouped(paths: list[_RodPath], settings: RodSettings) -> list[list[_RodPath
     return groups
 
 
-def _different(found: list[_MeasuredRod]) -> list[_MeasuredRod]:
+def _different(found: list[_MeasuredRod], settings: RodSettings) -> list[_MeasuredRod]:
     """Lines that do not run along likelier ones; of two, the wider one that is a rod has the other within it."""
     kept: list[_MeasuredRod] = []
     for line in found:
-        wider = (each for each in found if each.evidence > 0.0 and each.width_px > 1.7 * line.width_px)
+        wider = (each for each in found if each.is_whole(settings) and each.width_px > 1.7 * line.width_px)
         if not any(each.contains(line.curve_px, 0.5) for each in kept) and not any(
             each.contains(line.curve_px) for each in wider
         ):

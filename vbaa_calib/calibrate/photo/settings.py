@@ -88,15 +88,17 @@ class RodSettings:
     """Share of places with both edges above which nothing better is to be expected."""
     longest_gap: float = 3.0
     """Longest piece without evidence, in correlation lengths: what crosses a rod is shorter."""
-    rod_odds: tuple[float, ...] = (0.37, 15.29, 4.88, -1.23, -1.61, -4.66, -1.51, -2.13, 1.32, 0.84, -17.4)
+    rod_odds: tuple[float, ...] = (0.37, 15.29, 4.88, -1.23, -1.61, -4.66, -1.51, -2.13, 1.32, 0.84, -5.0, -17.4)
     """Log odds of a rod where its ends are not known, for each: mean evidence below `least_mean_alone`, share of places
     with both edges, bend in radians up to `bent`, winding in radians, difference of both sides over the contrast, share
     that may be shadow, both ends before plain background, no end in the picture, log of the contrast, log of its length
-    in diagonals, 1: by logistic regression on 95 rods and 230 other lines in 130 pictures."""
+    in diagonals, bend beyond `most_bend`, 1: by logistic regression on 95 rods and 230 other lines in 130 pictures."""
     least_mean_alone: float = 2.3
     """Mean evidence below which a line is less likely a rod."""
     bent: float = 0.6
     """Bend in radians from which more makes a rod no likelier; edges of sheets and boards turned by 0.2."""
+    most_bend: float = 2.3
+    """Bend in radians beyond which each further radian speaks against a rod; wrong lines were bent by 2.5 to 41."""
     clear_end: float = 2.0
     """Log odds from which there is something beyond an end, or nothing but background: those of either are 5 to 20."""
     least_odds: float = 1.3
