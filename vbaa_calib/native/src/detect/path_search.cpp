@@ -132,7 +132,7 @@ class Lattice {
                 }
             for (int j = 0; j < best.shape[0]; ++j)
                 for (int i = 0; i < best.shape[1]; ++i)
-                    if (best(j, i) > 0.6F * static_cast<float>(_rules.enough) * (2 * steps + 1)) {
+                    if (best(j, i) > static_cast<float>(0.6 * _rules.enough * (2 * steps + 1))) {
                         const int code = which(j, i) / cell;
                         found.emplace_back(best(j, i), State{across, 1, 2 * j + code / DIRECTIONS_DOWN,
                                                              code % DIRECTIONS_DOWN, i * cell + which(j, i) % cell});
