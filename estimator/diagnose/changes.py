@@ -318,7 +318,8 @@ def _descended(
             if total > cost - settings.gain:
                 break
             cost = total
-            best = _Changed(row, axes, steps, np.linalg.inv(unit), case.cost - cost, now)
+            odds = case.cost - cost - case.of_one(together)
+            best = _Changed(row, axes, steps, np.linalg.inv(unit), odds, now)
         steps = steps + np.linalg.solve(unit, score - steps)
         if not np.abs(steps).max() < settings.farthest:
             break

@@ -388,3 +388,13 @@ class Case:
     def cost_of(self, other: Recorded, log_density: float | np.ndarray = 0.0) -> float:
         """The cost of the same frames with other readings, or another rig."""
         return weighed(other.fit, self.best, self.scale, log_density=log_density).cost
+
+    def gained_by(self, other: Recorded, log_density: float | np.ndarray = 0.0) -> float:
+        """By how much the frames cost less with other readings or another rig, apart from the frame that gains most."""
+        found = weighed(other.fit, self.best, self.scale, log_density=log_density)
+        return self.cost - found.cost - self.of_one(found)
+
+    def of_one(self, found: _Weighed) -> float:
+        """Largest decrease of a frame's cost by another explanation: what concerns all frames does not rest on one,
+        whose fit may have ended elsewhere."""
+        return float(np.max(self.reported.costs - found.costs, initial=0.0)) if len(found.costs) > 1 else 0.0

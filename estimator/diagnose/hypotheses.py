@@ -456,6 +456,7 @@ def _shifts_explained(case: Case) -> Iterator[Explanation[Case]]:
             found = Diagnosis("joint_offset", words, "set the encoder's zero as it was at the calibration", "wrong")
         corrected = changed(value, case.recorded)
         if corrected is not None and abs(value) > 2.0 * std:
+            gained += case.gained_by(corrected) - (case.cost - case.cost_of(corrected))
             yield Explanation(found, gained - settings.unlikely, partial(case.explained_by, corrected))
 
 
@@ -527,7 +528,7 @@ def _compared(
     ranked = sorted(likely, key=lambda each: -each[0])
     unranked = sum(np.isinf(gained) for gained, *_ in ranked)
     for _, row, corrected in ranked[: unranked + RecordingSettings.followed]:
-        gained = case.cost - case.cost_of(corrected, row.log_density * counts)
+        gained = case.gained_by(corrected, row.log_density * counts)
         found = Diagnosis(row.name, row.words, row.remedy, row.severity)
         yield Explanation(found, gained - RecordingSettings.unlikely, partial(case.explained_by, corrected))
 
