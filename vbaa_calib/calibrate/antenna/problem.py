@@ -191,10 +191,10 @@ class Problem:
         Raises LensLost where that lens folds before points that the prior's lens sees.
         """
         camera = self.camera(parameters)
-        errors, frames = parameters[self.readings] - self.readings_at, [one.still for one in self.observations]
-        pairs = zip(self.observations, self.groups.corrected(frames, errors), strict=True)
-        observations = [replace(one, still=frame) for one, frame in pairs]
-        here = replace(self._loaded(parameters), observations=observations, misread=None)
+        here, frames = self._loaded(parameters), [one.still for one in self.observations]
+        if here.misread is not None:
+            pairs = zip(self.observations, self.groups.corrected(frames, here.misread), strict=True)
+            here = replace(here, observations=[replace(one, still=frame) for one, frame in pairs], misread=None)
         here = replace(here, readings_at=parameters[self.readings])
         images = image_curves(here.curves(parameters[None, ANTENNA]), self.pose(parameters).inverse())
         seen = see_each(camera, [(one.points_px, one.std_px(self.noise_scale)) for one in self.observations])
