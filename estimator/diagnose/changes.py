@@ -267,14 +267,18 @@ class _Changed:
 
 
 def fitted(case: Case, row: Change, axes: np.ndarray, first: int = 0) -> _Changed | None:
-    """A row's change from the frame `first` on, by Gauss–Newton from no change, from what most frames share if they
-    are free, and from other scales of the picture. None where the frames do not determine it."""
+    """A row's change from the frame `first` on, by Gauss–Newton from no change, from what single frames and most frames
+    would show if they are free, and from other scales of the picture. None where the frames do not determine it."""
     few, begin, best = case, first, None
     if case.many_lost:
         # frames that nothing explains take long: a few of them lead there
         rows = np.arange(0, len(case.recorded), 2)
         few, begin = case.picked(rows), int(np.sum(rows < first))
-    starts = [(np.zeros(axes.shape[1]), free) for free in (None, *few.frees)]
+    none = np.zeros(axes.shape[1])
+    starts: list[tuple[np.ndarray, np.ndarray | None]] = [(none, None)]
+    if case.many_lost:
+        starts += [(steps, None) for steps in few.by_one(axes, begin)]
+    starts += [(none, free) for free in few.frees]
     if row.starts:
         matrix = case.recorded.rig.camera.matrix
         lens = np.array([1.0, matrix[0, 2], matrix[1, 2]]) / list(row.std.values())

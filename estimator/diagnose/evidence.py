@@ -334,6 +334,19 @@ class Case:
         distance from the rig."""
         return [weighed(self.recorded.fit, self.best, self.scale, self.axes, free) for free in self.frees]
 
+    def by_one(self, axes: np.ndarray, first: int) -> list[np.ndarray]:
+        """Steps (K,) along axes (18 + P, K) by which single frames, from `first` on, would show the free antenna: first
+        those that other frames agree with most, to first order."""
+        size = self.recorded.fit.steps
+        every, unit = np.ones(len(self.recorded), bool), np.eye(size + axes.shape[1])
+        information, score = (each[first:] for each in self.recorded.fit.shared(axes, every))
+        inverse = np.linalg.inv(information + unit)
+        steps = np.einsum("jst,jt->js", inverse, score)
+        left = score - np.einsum("jst,it->ijs", information, steps)
+        apart = np.minimum(0.5 * np.einsum("ijs,jst,ijt->ij", left, inverse, left), self.settings.most)
+        best = np.argsort(apart.sum(axis=1) + 0.5 * (steps**2).sum(axis=1))[: self.settings.seeds]
+        return [steps[one, size:] for one in best.tolist()]
+
     @property
     def sound(self) -> bool:
         """Whether the frames' common cost is as small as if everything were as reported."""

@@ -17,6 +17,7 @@ class RecordingSettings:
     most: float = 30.0  # cost of one frame: an outlier counts no more
     friction_rad: float = 0.2  # standard deviation of the friction angle
     iterations: int = 8  # moves of the rig towards a change
+    seeds: int = 2  # single frames from whose change the search for what all share begins, where many are lost
     reweightings: int = 12  # of frames, in looking for the change that most of them share
     lost: float = 0.05  # part of the frames that nothing explains from which what most of them share is sought
     suspicious: float = (
