@@ -36,7 +36,7 @@ from vbaa_calib.calibrate.pose.board_pose import jig_estimate, solve_board_pose
 from vbaa_calib.core.console import progress
 from vbaa_calib.export.simulators import export
 from vbaa_calib.geometry import Kinematics, Pose
-from vbaa_calib.rig import Rig
+from vbaa_calib.rig import RIG_PARAMETERS, Rig
 from vbaa_calib.session import DRIFTS
 
 NOISES_PX = (0.05, 0.5)
@@ -58,6 +58,7 @@ _COVERED, _SILENT = 1.96, 5.0
 _RIGS, _FEWER = 100, 20
 """True rigs, and by how much fewer contacts there are of each than of a rig that is known exactly: their errors go
 together, so that the intervals' share scatters with the number of rigs."""
+_GIVE = RIG_PARAMETERS.index("clamp_give_m") - 6
 _BOUND_DRAWS = 50
 """Errors of each frame that are drawn from its bound."""
 
@@ -264,6 +265,8 @@ def calibrated_pair(seed: int) -> Rig:
     and in a jig before each, the free antenna and loads. Nothing drifts."""
     kind, rng = replace(KINDS[0], incline_rad=0.0), np.random.default_rng((51, seed))
     world = drawn_world(kind, rng)
+    rigid = np.where(np.arange(9) == _GIVE, 0.0, 1.0)  # as are the clamps of `random_scenes`
+    world = replace(world, parameters=rigid * world.parameters)
     turn = Pose.from_rotvec(np.array([np.pi / 2, 0.0, 0.0]), np.zeros(3))
     worlds = {"left": world, "right": replace(world, T_antenna_camera=turn @ world.T_antenna_camera)}
     session, stills, alone = session_of(kind), stills_of(kind), {}
@@ -278,11 +281,12 @@ def calibrated_pair(seed: int) -> Rig:
             session, observed([one] * len(stills), stills, np.random.default_rng(seeds)), before
         )
     solved = BundleAdjustment.together(alone)
-    rigs = {
+    rigs = {}
+    for name, one in solved.items():
+        rig = make_rig(session, Kinematics(), one, alone[name].noted)
+        antenna = replace(rig.antenna, parameters=rigid * rig.antenna.parameters)
         # nothing changes between calibration and frames
-        name: replace(make_rig(session, Kinematics(), one, alone[name].noted), drift=DRIFTS["none"], camera_name=name)
-        for name, one in solved.items()
-    }
+        rigs[name] = replace(rig, antenna=antenna, drift=DRIFTS["none"], camera_name=name)
     return replace(rigs["left"], others={"right": rigs["right"]})
 
 
