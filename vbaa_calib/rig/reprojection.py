@@ -98,7 +98,8 @@ def image_curves(curves: Curves, T_camera_antenna: Sequence[Pose] | Pose) -> Ima
     slopes = (tangents[..., :2] - nodes * tangents[..., 2:]) / depth
     if curves.radius_m is not None:
         normal = np.cross(np.insert(slopes, 2, 0.0, axis=-1), np.insert(nodes, 2, 1.0, axis=-1))
-        normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+        with np.errstate(invalid="ignore"):  # where the antenna points at the camera
+            normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
         off = (curves.radius_m[..., None] / depth) ** 2 * normal[..., 2:]
         nodes = nodes + off * (nodes * normal[..., 2:] - normal[..., :2])
     return ImageCurves(curves.arclength_m, nodes, slopes)
