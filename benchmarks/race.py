@@ -22,7 +22,7 @@ from benchmarks.estimator.cameras import centrelines, drawn, with_second
 from benchmarks.estimator.scenes import Scenes, elastica_shapes, push_for_slope, random_scenes, rolled, scenes
 from benchmarks.estimator.setup import Setup
 from benchmarks.harness import Findings, Options, column, concatenated, mean, processor_seconds, rms, table, timed
-from benchmarks.mistakes.rigs import KINDS, READINGS, board_views, drawn_world, observed, session_of, stills_of
+from benchmarks.mistakes.rigs import KINDS, before_loads, drawn_world, observed, session_of, stills_of
 from benchmarks.peers import CONTACTS, INTERPRETERS, MARK, interpreter_of, versions
 from benchmarks.peers import __file__ as PEERS
 from estimator import ContactEstimator
@@ -30,9 +30,7 @@ from estimator.contact.contacts import Contacts
 from estimator.paper.two_point import force_z, two_point_contact
 from vbaa_calib.antenna.elastica import _planar_elastica as planar_elastica
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
-from vbaa_calib.calibrate.antenna.session_rig import make_rig, prior, solve_antenna
-from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
-from vbaa_calib.calibrate.pose.board_pose import jig_estimate, solve_board_pose
+from vbaa_calib.calibrate.antenna.session_rig import make_rig, solve_antenna
 from vbaa_calib.core.console import progress
 from vbaa_calib.export.simulators import export
 from vbaa_calib.geometry import Kinematics, Pose
@@ -273,13 +271,8 @@ def calibrated_pair(seed: int) -> Rig:
     # both see the same loads, whose errors they share
     seeds = int(rng.integers(1 << 31))
     for name, one in worlds.items():
-        views, in_jig, T_antenna_jig = board_views(one, rng)
-        lens = solve_intrinsics(views, kind.board, model="opencv5")
-        jig = jig_estimate(solve_board_pose(in_jig, lens.board_shape, lens.camera), T_antenna_jig)
-        before = prior(kind.antenna, lens.camera, [jig], readings=READINGS, drift=DRIFTS["lab"])
-        alone[name] = solve_antenna(
-            session, observed([one] * len(stills), stills, np.random.default_rng(seeds)), before
-        )
+        before, noise = before_loads(one, rng), np.random.default_rng(seeds)
+        alone[name] = solve_antenna(session, observed([one] * len(stills), stills, noise), before)
     solved = BundleAdjustment.together(alone)
     rigs = {}
     for name, one in solved.items():

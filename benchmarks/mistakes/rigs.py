@@ -377,16 +377,19 @@ class Calibrated:
     rig: Rig
 
 
+def before_loads(world: World, rng: np.random.Generator) -> Prior:
+    """What is known of a rig before its antenna's pictures: the lens by a board, plane C by a jig."""
+    views, in_jig, T_antenna_jig = board_views(world, rng)
+    lens = solve_intrinsics(views, world.kind.board, model="opencv5")
+    jig = jig_estimate(solve_board_pose(in_jig, lens.board_shape, lens.camera), T_antenna_jig)
+    return prior(world.kind.antenna, lens.camera, [jig], readings=READINGS, drift=DRIFTS["lab"])
+
+
 def calibrated_rig(kind: Kind, seed: int) -> Calibrated:
     """A rig of a kind, calibrated: the lens by a board, plane C by a jig, the rest by known loads."""
     rng = np.random.default_rng((51, seed))
     world = drawn_world(kind, rng)
-    views, in_jig, T_antenna_jig = board_views(world, rng)
-    lens = solve_intrinsics(views, kind.board, model="opencv5")
-    board_pose = solve_board_pose(in_jig, lens.board_shape, lens.camera)
-    session, jig = session_of(kind), jig_estimate(board_pose, T_antenna_jig)
-    before = prior(kind.antenna, lens.camera, [jig], readings=READINGS, drift=DRIFTS["lab"])
-    stills = stills_of(kind)
+    before, session, stills = before_loads(world, rng), session_of(kind), stills_of(kind)
     observations = observed([world] * len(stills), stills, rng)
     joint = solve_antenna(session, observations, before)
     return Calibrated(world, session, before, joint, make_rig(session, Kinematics(), joint, observations))

@@ -400,11 +400,15 @@ class Case:
 
     def cost_of(self, other: Recorded, log_density: float | np.ndarray = 0.0) -> float:
         """The cost of the same frames with other readings, or another rig."""
-        return weighed(other.fit, self.best, self.scale, log_density=log_density).cost
+        return self.together(other, log_density).cost
+
+    def together(self, other: Recorded, log_density: float | np.ndarray = 0.0) -> _Weighed:
+        """The joint explanation of the same frames with other readings, or another rig."""
+        return weighed(other.fit, self.best, self.scale, log_density=log_density)
 
     def gained_by(self, other: Recorded, log_density: float | np.ndarray = 0.0) -> float:
         """By how much the frames cost less with other readings or another rig, apart from the frame that gains most."""
-        found = weighed(other.fit, self.best, self.scale, log_density=log_density)
+        found = self.together(other, log_density)
         return self.cost - found.cost - self.of_one(found)
 
     def of_one(self, found: _Weighed) -> float:

@@ -456,7 +456,7 @@ def _shifts_explained(case: Case) -> Iterator[Explanation[Case]]:
             found = Diagnosis("joint_offset", words, "set the encoder's zero as it was at the calibration", "wrong")
         corrected = changed(value, case.recorded)
         if corrected is not None and abs(value) > 2.0 * std:
-            gained += case.gained_by(corrected) - (case.cost - case.cost_of(corrected))
+            gained -= case.of_one(case.together(corrected))
             yield Explanation(found, gained - settings.unlikely, partial(case.explained_by, corrected))
 
 

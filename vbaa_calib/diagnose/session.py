@@ -15,6 +15,7 @@ from vbaa_calib.antenna.shape import PARAMETERS
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
 from vbaa_calib.calibrate.antenna.problem import Problem
+from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.core.errors import Diagnosis, InputError, SolveError
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig.reprojection import SeenPoints
@@ -62,6 +63,12 @@ def _restilled(problem: Problem, change: Callable[[int, Still], Still]) -> Probl
     return replace(
         problem, observations=[one if frame is one.still else replace(one, still=frame) for one, frame in pairs]
     )
+
+
+def _posed(problem: Problem, change: Callable[[PoseEstimate], Pose]) -> Problem:
+    """The problem with other estimates of the camera's pose."""
+    poses = [replace(one, T_antenna_camera=change(one)) for one in problem.prior.poses]
+    return replace(problem, prior=replace(problem.prior, poses=poses))
 
 
 def _reloaded(problem: Problem, which: Sequence[int], change: Callable[[Load], Load]) -> Problem:
@@ -115,11 +122,11 @@ def _lengths(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
     origin = np.zeros(3) if jig is None else jig.translation_m
 
     def scaled(problem: Problem, v: np.ndarray) -> Problem:
-        def moved(pose: Pose) -> Pose:
+        def nearer(one: PoseEstimate) -> Pose:
+            pose = one.T_antenna_camera
             return Pose(pose.rotation, origin + (pose.translation_m - origin) / (1.0 + v[0]))
 
-        poses = [replace(one, T_antenna_camera=moved(one.T_antenna_camera)) for one in problem.prior.poses]
-        return replace(problem, prior=replace(problem.prior, poses=poses))
+        return _posed(problem, nearer)
 
     def board(fit: RigFit) -> Diagnosis:
         side = "smaller" if fit.values[0] > 0 else "larger"
@@ -491,9 +498,12 @@ def _pair(fit: RigFit, factor: float, unit: str) -> str:
     return f"{y:.2g} ± {y_std:.1g}{unit} y and {z:.2g} ± {z_std:.1g}{unit} z"
 
 
-def _turn(fit: RigFit) -> str:
-    size, std = np.degrees([np.linalg.norm(fit.values), np.linalg.norm(fit.std)])
-    return f"{size:.2g} ± {std:.1g}°"
+def _size(fit: RigFit, which: slice, factor: float, unit: str) -> str:
+    size, std = (factor * float(np.linalg.norm(each[which])) for each in (fit.values, fit.std))
+    return f"{size:.2g} ± {std:.1g}{unit}"
+
+
+_turn = partial(_size, which=slice(0, 3), factor=180.0 / np.pi, unit="°")
 
 
 def _since(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
@@ -557,22 +567,19 @@ def _since(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
 
 
 def _camera(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
-    """Hypotheses of a camera that was moved or refocused between the pictures that plane C was found from and the
-    antenna's."""
+    """Hypotheses of a camera that was moved or refocused, or of pictures that were cropped, between those that plane C
+    was found from and the antenna's."""
     again = "take both again, one after the other, with nothing touched in between"
     if any(one.way == "over board" for one in witness.problem.prior.poses):
         return
 
     def moved(problem: Problem, v: np.ndarray) -> Problem:
-        poses = [replace(one, T_antenna_camera=one.T_antenna_camera.retract(v)) for one in problem.prior.poses]
-        return replace(problem, prior=replace(problem.prior, poses=poses))
+        return _posed(problem, lambda one: one.T_antenna_camera.retract(v))
 
     def motion(fit: RigFit) -> Diagnosis:
-        turn, turn_std = np.degrees([np.linalg.norm(fit.values[:3]), np.linalg.norm(fit.std[:3])])
-        shift, shift_std = 1e3 * np.array([np.linalg.norm(fit.values[3:]), np.linalg.norm(fit.std[3:])])
         words = (
-            f"the camera turned by {turn:.2g} ± {turn_std:.1g}° and moved by {shift:.2g} ± {shift_std:.1g} mm between "
-            "the pictures for plane C and the antenna's"
+            f"the camera turned by {_turn(fit)} and moved by {_size(fit, slice(3, 6), 1e3, ' mm')} between the "
+            "pictures for plane C and the antenna's"
         )
         return Diagnosis("camera_moved", words, again, "wrong")
 
@@ -601,11 +608,8 @@ def _camera(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
     def cropped(problem: Problem, v: np.ndarray) -> Problem:
         by_focal = np.zeros(len(camera.parameters))
         by_focal[:2] = camera.parameters[:2] * v[0]
-        poses = [
-            replace(one, T_antenna_camera=one.T_antenna_camera.retract(one.lens_sensitivity @ by_focal))
-            for one in problem.prior.poses
-        ]
-        return enlarged(replace(problem, prior=replace(problem.prior, poses=poses)), v, middle)
+        moved = _posed(problem, lambda one: one.T_antenna_camera.retract(one.lens_sensitivity @ by_focal))
+        return enlarged(moved, v, middle)
 
     # which pictures differ from the others, and what puts them right
     parts: tuple[tuple[str, Alteration], ...]

@@ -234,6 +234,7 @@ class Problem:
         step = self.prior.lens_axes @ (parameters[self.lens] - self.lens_at)
         return [points.with_lens_moved(step) for points in self.seen_at_lens]
 
+    @cached_property
     def _loads(self) -> tuple[np.ndarray, np.ndarray]:
         """Places (F,) in m and forces (F, 2) of the observations' loads, along y and z in N; zero without a load."""
         frames = [one.still for one in self.observations]
@@ -248,7 +249,7 @@ class Problem:
         """Shapes of A antennas (A, 9) under the load of each of F observations: F·A curves, observation by
         observation."""
         every, each = np.arange(len(self.observations)), len(antennas)
-        return self._bent(np.repeat(every, each), np.tile(antennas, (len(every), 1)), *self._loads(), each)
+        return self._bent(np.repeat(every, each), np.tile(antennas, (len(every), 1)), *self._loads, each)
 
     def _bent(
         self, which: np.ndarray, parameters: np.ndarray, contact_m: np.ndarray, force_N: np.ndarray, each: int = 1
@@ -332,7 +333,7 @@ class Problem:
         antennas = np.repeat(parameters[None, ANTENNA], _BENT, axis=0)
         antennas[1:] += np.diag(RIG_STEPS[6:])
         every = range(len(self.observations))
-        gravity, force = (np.repeat(each, _BENT, axis=0) for each in (self._gravity, self._loads()[1]))
+        gravity, force = (np.repeat(each, _BENT, axis=0) for each in (self._gravity, self._loads[1]))
         found = _wrenches_of(curves, gravity, force, np.tile(antennas, (len(every), 1)))
         found = found.reshape(len(every), _BENT, 6)
         if not self.groups.count:
@@ -458,7 +459,7 @@ class Problem:
     def _altered_loads(self, which: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
         """Places (3 W,) and forces (3 W, 2) of the loads of observations: each as it is, one difference step nearer to
         the clamp, and one step heavier."""
-        contact, force = (np.repeat(each[list(which)], 3, axis=0) for each in self._loads())
+        contact, force = (np.repeat(each[list(which)], 3, axis=0) for each in self._loads)
         contact[1::3] -= AntennaSettings.load_step_m * np.array(
             [isinstance(self.observations[index].still, Load) for index in which], float
         )
