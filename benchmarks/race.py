@@ -275,8 +275,8 @@ def calibrated_pair(seed: int) -> Rig:
         alone[name] = solve_antenna(session, observed([one] * len(stills), stills, noise), before)
     solved = BundleAdjustment.together(alone)
     rigs = {}
-    for name, one in solved.items():
-        rig = make_rig(session, Kinematics(), one, alone[name].noted)
+    for name, camera in solved.items():
+        rig = make_rig(session, Kinematics(), camera, alone[name].noted)
         antenna = replace(rig.antenna, parameters=rigid * rig.antenna.parameters)
         # nothing changes between calibration and frames
         rigs[name] = replace(rig, antenna=antenna, drift=DRIFTS["none"], camera_name=name)
