@@ -7,6 +7,7 @@ lines). The own part is eliminated by the Schur complement, so that the work gro
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from estimator.contact.inputs import Batch
 from estimator.contact.settings import ContactSettings
 from estimator.solver.linearised import LinearisedFrames, free_antennas, linearised
-from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
+from estimator.solver.rig_arrays import LINE_ERRORS, UNKNOWNS, RigArrays
 from vbaa_calib.antenna.rungs import REFERENCE
 from vbaa_calib.antenna.shape import CONTACT
 from vbaa_calib.core.arrays import Rows
@@ -144,7 +145,14 @@ class RecordingProblem:
 
     def lines_of(self, view: Pictures) -> int:
         """Number of error terms of a line in one camera's pictures."""
-        return RigArrays.from_rig(view.rig, self.friction_rad).line.size
+        return self._with_lines(RigArrays.from_rig(view.rig, self.friction_rad)).line.size
+
+    @staticmethod
+    def _with_lines(arrays: RigArrays) -> RigArrays:
+        """The arrays with errors of all lines that one frame's noise hides: the next Legendre polynomials."""
+        drift, line = arrays.rig.drift, arrays.line
+        part = drift.line_px / max(math.hypot(drift.line_px, drift.light_px), 1e-300)
+        return replace(arrays, line=np.hstack([line, part * line[:, : RefineSettings.finer_errors]]))
 
     @property
     def lines(self) -> int:
@@ -163,7 +171,7 @@ class RecordingProblem:
     def arrays_at(self, shared: np.ndarray, view: int = 0) -> RigArrays:
         """The rig after the shared steps in the solver's form, for one camera; its axes are unchanged."""
         of = self.views[view]
-        return replace(RigArrays.from_rig(of.moved(shared), self.friction_rad), axes=of.axes)
+        return replace(self._with_lines(RigArrays.from_rig(of.moved(shared), self.friction_rad)), axes=of.axes)
 
     def equations(self, state: State, trust: np.ndarray | None = None) -> Equations:
         """Normal equations of the contacts, linearised at a state. trust : as in `Equations`; by default, and where
@@ -196,7 +204,7 @@ class RecordingProblem:
     def _split(self, index: int) -> np.ndarray:
         """(4 + R + K, 4 + L + S) matrix from own and shared unknowns to a frame's unknowns and rig steps in one
         camera, with K errors of its lines. A line's errors are partly shared by all frames, as with a lamp that
-        moved."""
+        moved; the finer ones wholly."""
         view, rig, lines = self.views[index], self.axes.shape[1], self.lines
         before, count = sum(map(self.lines_of, self.views[:index])), self.lines_of(view)
         split = np.zeros((UNKNOWNS + rig + count, UNKNOWNS + lines + self.size))
@@ -205,8 +213,9 @@ class RecordingProblem:
         if count:
             drift, own, common = view.rig.drift, UNKNOWNS + before, UNKNOWNS + lines + rig + before
             whole = np.hypot(drift.line_px, drift.light_px)
-            split[UNKNOWNS + rig :, own : own + count] = drift.line_px / whole * np.eye(count)
-            split[UNKNOWNS + rig :, common : common + count] = drift.light_px / whole * np.eye(count)
+            finer = np.arange(count) % (LINE_ERRORS + RefineSettings.finer_errors) >= LINE_ERRORS
+            split[UNKNOWNS + rig :, own : own + count] = np.diag(np.where(finer, 0.0, drift.line_px / whole))
+            split[UNKNOWNS + rig :, common : common + count] = np.diag(np.where(finer, 1.0, drift.light_px / whole))
         return split
 
     @staticmethod

@@ -21,6 +21,7 @@ class RefineSettings:
     excluded: float = 1e-9  # p-value of a frame that is not even begun with,
     most_excluded: float = 0.4  # unless more than this share of all are
     trend_information: float = 1e-2  # prior of a change within the recording: ten times what a calibration leaves
+    finer_errors: int = 2  # Legendre terms of what all lines share beyond those of a frame: cubic and quartic
     chunk: int = 512  # frames that are linearised together
     object_round_m: float = 1e-5  # how far pin and antenna are from round and straight
 

@@ -16,6 +16,7 @@ from estimator.recording import Refined, refine
 from estimator.table.contacts import ContactTable, Measured
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import KnownObject
+from vbaa_calib.session.drift import DRIFTS
 from vbaa_calib.simulate.scene.objects import TouchObject
 
 FRAMES = 74
@@ -72,6 +73,22 @@ def test_a_frame_that_does_not_belong_does_not_move_the_rest() -> None:
     assert without.foreign[row] or off_in_deviations(without.contacts, found.contacts, np.array([row])) > 3.0
     rest = np.flatnonzero(found.refined & without.refined & (np.arange(len(table)) != row))
     assert off_in_deviations(found.contacts, without.contacts, rest).max() < 0.3
+
+
+def test_what_bends_all_lines_alike_is_within_the_stated_deviation() -> None:
+    """By as much as single lines scatter: with so many frames their noise is far less."""
+    recorded, table, lines, _ = given()
+    rig = replace(recorded.given, drift=replace(DRIFTS["lab"], line_px=0.02))
+    plain = refine(table, rig, lines)
+    for degree in (3, 4):
+        term = np.polynomial.legendre.Legendre.basis(degree)
+        bends = [
+            0.02 * term(np.linspace(-1.0, 1.0, len(each.points_px)))[:, None] * np.array([0.0, 1.0]) for each in lines
+        ]
+        bent = [replace(each, points_px=each.points_px + bend) for each, bend in zip(lines, bends, strict=True)]
+        found = refine(table, rig, bent).contacts
+        off = (found.distance_m - plain.contacts.distance_m) / plain.contacts.distance_shared_std_m
+        assert np.sqrt(np.mean(off[plain.refined] ** 2)) < 1.0
 
 
 def test_a_stroke_with_another_camera_pose_is_named() -> None:

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "lens.hpp"
 #include "linear_algebra.hpp"
@@ -196,7 +197,8 @@ void pictures_along_axes(const Rig& rig, const Bent& bent, Fit& fit) {
     }
 }
 
-// The found line's own errors: offset, slope and curvature along the antenna, which readings and contact do not have.
+// The found line's own errors, which readings and contact do not have: the first Legendre polynomials along the
+// antenna.
 void by_line(const Rig& rig, Fit& fit) {
     const int count = rig.cameras[0].line.size();
     for (int own = 0; own < rig.lines(); ++own) {
@@ -206,7 +208,11 @@ void by_line(const Rig& rig, Fit& fit) {
         }
         for (int j = 0; j < NODES; ++j) {
             const double along = 2.0 * arclength_of_node(fit, rig.length_m, j) / rig.length_m - 1.0;
-            const double shape = k == 0 ? 1.0 : k == 1 ? along : 1.5 * along * along - 0.5;
+            double shape = 1.0, lower = 0.0;
+            for (int n = 0; n < k; ++n) {
+                const double higher = ((2 * n + 1) * along * shape - n * lower) / (n + 1);
+                lower = std::exchange(shape, higher);
+            }
             fit.columns(clamp + j, column) = shape * rig.cameras[own / count].line[k];
         }
         for (int reading = 0; reading < rig.readings; ++reading) fit.reading_columns(reading, column) = 0.0;
