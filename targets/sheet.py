@@ -58,20 +58,11 @@ class _PrintSettings:
 SHEET = _PrintSettings()
 
 
-@dataclass(frozen=True)
-class _Paper:
-    """A sheet of paper, upright: `width_mm` ≤ `height_mm`. name : as the user gave it."""
-
-    name: str
-    width_mm: float
-    height_mm: float
-
-
-def paper_named(text: str) -> _Paper:
-    """A paper by its name, or by its size such as 210x297, in mm. Raises ValueError."""
-    for name, (width, height) in PAPERS_MM.items():
+def paper_named(text: str) -> tuple[float, float]:
+    """Width and height, mm, of an upright paper by its name, or by its size such as 210x297. Raises ValueError."""
+    for name, size in PAPERS_MM.items():
         if text.strip().lower() == name.lower():
-            return _Paper(name, width, height)
+            return size
     number = r"(\d+(?:\.\d+)?)"
     found = re.fullmatch(rf"\s*{number}\s*[xX×]\s*{number}\s*(?:mm)?\s*", text)
     if not found:
@@ -81,7 +72,12 @@ def paper_named(text: str) -> _Paper:
     width, height = sorted(float(side) for side in found.groups())
     if width < SHEET.least_mm or height > SHEET.most_mm:
         raise ValueError(f"paper is {text!r}: sides from {SHEET.least_mm:g} to {SHEET.most_mm:g} mm are needed")
-    return _Paper(f"{width:g}x{height:g}", width, height)
+    return width, height
+
+
+def paper_name(paper: tuple[float, float]) -> str:
+    """The name of a paper of width and height, mm, such as A4, or 300x200 where it has none."""
+    return next((name for name, size in PAPERS_MM.items() if size == paper), f"{paper[0]:g}x{paper[1]:g}")
 
 
 @dataclass(frozen=True)
@@ -213,7 +209,7 @@ def font_name(bold: bool) -> str:
     return "Helvetica-Bold" if bold else "Helvetica"
 
 
-def lay_out(spec: BoardWithIds, paper: _Paper, margin_mm: float = SHEET.margin_mm) -> SheetLayout:
+def lay_out(spec: BoardWithIds, paper: tuple[float, float], margin_mm: float = SHEET.margin_mm) -> SheetLayout:
     """The layout of a board on a paper, in the orientation that leaves more space.
 
     Raises ValueError if it does not fit, with the largest fitting square and the smallest sufficient paper.
@@ -227,14 +223,14 @@ def lay_out(spec: BoardWithIds, paper: _Paper, margin_mm: float = SHEET.margin_m
     square = _largest_square_mm(spec, paper, margin_mm)
     none = f"no board of {counts[0]}x{counts[1]} {name}s does"
     smaller = f"the largest {name} that fits is {square:g} mm" if square else none
-    larger = (name for name, size in PAPERS_MM.items() if _fitting(spec, _Paper(name, *size), margin_mm))
+    larger = (name for name, size in PAPERS_MM.items() if _fitting(spec, size, margin_mm))
     raise ValueError(
-        f"a board of {width:.6g} x {height:.6g} mm with its rulers does not fit on {paper.name}: {smaller}; "
+        f"a board of {width:.6g} x {height:.6g} mm with its rulers does not fit on {paper_name(paper)}: {smaller}; "
         f"{next(larger, 'no paper up to A0')} would do"
     )
 
 
-def _largest_square_mm(spec: BoardWithIds, paper: _Paper, margin_mm: float) -> float | None:
+def _largest_square_mm(spec: BoardWithIds, paper: tuple[float, float], margin_mm: float) -> float | None:
     """The largest square or tag, in steps of 0.1 mm, with which a board of this layout fits; None if none does."""
 
     def is_too_large(tenths: int) -> bool:
@@ -244,14 +240,14 @@ def _largest_square_mm(spec: BoardWithIds, paper: _Paper, margin_mm: float) -> f
         marker_m = spec.marker_m / spec.square_m * side_m
         return _fitting(replace(spec, square_m=side_m, marker_m=marker_m), paper, margin_mm) is None
 
-    tenths = bisect_left(range(1, int(paper.height_mm / 0.1 / 2) + 1), True, key=is_too_large)
+    tenths = bisect_left(range(1, int(paper[1] / 0.1 / 2) + 1), True, key=is_too_large)
     return round(tenths * 0.1, 6) if tenths else None
 
 
-def _fitting(spec: BoardWithIds, paper: _Paper, margin: float) -> SheetLayout | None:
+def _fitting(spec: BoardWithIds, paper: tuple[float, float], margin: float) -> SheetLayout | None:
     if not 0 <= margin <= SHEET.most_margin_mm:
         raise ValueError(f"the margin is {margin:g} mm: 0 to {SHEET.most_margin_mm:g} mm are needed")
-    pages = [(paper.width_mm, paper.height_mm), (paper.height_mm, paper.width_mm)]
+    pages = [paper, paper[::-1]]
     for size in SHEET.sizes:
         layouts = [layout for page in pages if (layout := _on_page(spec, page, margin, size)) is not None]
         if layouts:
@@ -320,7 +316,7 @@ def fill_in(
     squares: tuple[int, int] | None = None,
     square_mm: float | None = None,
     marker_mm: float | None = None,
-    paper: _Paper | None = None,
+    paper: tuple[float, float] | None = None,
     margin_mm: float = SHEET.margin_mm,
     **other: Any,
 ) -> BoardSpec:
@@ -340,7 +336,7 @@ def fill_in(
         # the room depends on squares and dictionary only
         largest = _largest_square_mm(BoardSpec(square_m=1.0, marker_m=SHEET.marker_share, **other), paper, margin_mm)
         if largest is None:
-            what = f"no board of {columns}x{rows} squares fits on {paper.name}"
+            what = f"no board of {columns}x{rows} squares fits on {paper_name(paper)}"
             raise ValueError(f"{what}; take fewer squares or more paper")
         # a module (an eighth) is then round, too
         square_mm = round(_floor_to(largest, 4.0 if largest >= 12 else 1.0 if largest >= 2 else 0.1), 6)

@@ -19,23 +19,19 @@ from vbaa_calib.antenna.rod import sample_shape
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame
-from vbaa_calib.simulate.contact.stick_slip import Bases
+from vbaa_calib.simulate.contact.stick_slip import Bases, Setting
 from vbaa_calib.simulate.contact.touch import Touch, touch_strokes
-from vbaa_calib.simulate.joint_paths import Place, sweep_joints
+from vbaa_calib.simulate.joint_paths import sweep_joints
 from vbaa_calib.simulate.scene.objects import Bump, TouchObject
 from vbaa_calib.simulate.scene.scene import Joints, Sweep
 
 _PRESS_FRAMES = 5
 
 
-def place_of(rig: Rig, obj: TouchObject) -> Place:
-    """The object before that rig."""
-    return Place(obj.shape, obj, rig.antenna.diameter_m / 2, rig.kinematics, rig.gravity_world_m_s2)
-
-
 def _stroke_joints(rig: Rig, obj: TouchObject, sweep: Sweep) -> list[Joints]:
     """A sweep's joint angles with the press and the release spread over so many frames each."""
-    joints = sweep_joints(place_of(rig, obj), rod_of(rig), sweep)
+    setting = Setting(rod_of(rig), rig.antenna.diameter_m / 2, obj, rig.gravity_world_m_s2)
+    joints = sweep_joints(setting, rig.kinematics, sweep)
     first, last = sweep.free_frames, len(joints) - sweep.free_frames - 1
     press = _between(joints[first - 1], joints[first], _PRESS_FRAMES)
     release = _between(joints[last], joints[last + 1], _PRESS_FRAMES)

@@ -99,7 +99,7 @@ def _refuse_flags(args: argparse.Namespace, names: tuple[str, ...], why: str) ->
 
 def _for_paper(args: argparse.Namespace, kind: str) -> dict[str, Any]:
     from targets.board import AprilGrid
-    from targets.sheet import SHEET, lay_out, paper_named
+    from targets.sheet import SHEET, lay_out, paper_name, paper_named
     from targets.write_sheet import as_pdf, as_svg, draw
 
     paper = paper_named("A4" if args.paper is None else args.paper)
@@ -111,13 +111,13 @@ def _for_paper(args: argparse.Namespace, kind: str) -> dict[str, Any]:
     description = _description(args, spec, changed=False)
     drawing = draw(spec, layout)
     result = _write(args, as_pdf(drawing) if kind == ".pdf" else as_svg(drawing).encode(), spec, description) | {
-        "paper": paper.name,
+        "paper": paper_name(paper),
         "orientation": layout.orientation,
         "page_mm": [layout.width, layout.height],
         "size_mm": [round(layout.board_width, 6), round(layout.board_height, 6)],
         "rulers_mm": {"x": layout.ruler_x, "y": layout.ruler_y},
     }
-    say(f"paper    {paper.name} {layout.orientation}, {layout.width:g} x {layout.height:g} mm")
+    say(f"paper    {paper_name(paper)} {layout.orientation}, {layout.width:g} x {layout.height:g} mm")
     say(f"rulers   {layout.ruler_x:g} mm along the lower edge (x), {layout.ruler_y:g} mm along the left one (y)")
     side_m = spec.tag_m if isinstance(spec, AprilGrid) else spec.marker_m
     module = 1e3 * side_m / spec.modules

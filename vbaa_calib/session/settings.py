@@ -183,8 +183,8 @@ class OverBoard:
 class LoadReadings:
     """Standard deviations of a known load's distance along the antenna, and of its force, relative; 0: exact."""
 
-    distance_std_m: Annotated[Number, Field(ge=0, le=0.05)] = 0.0
-    force_std_relative: Annotated[Number, Field(ge=0, le=0.5)] = 0.0
+    distance_std_m: Annotated[Number, Field(ge=0, le=0.05)] = 5e-4
+    force_std_relative: Annotated[Number, Field(ge=0, le=0.5)] = 5e-3
 
 
 def _unit(rotation_xyzw: np.ndarray) -> np.ndarray:
@@ -308,14 +308,6 @@ class NominalWrenchSensor:
 
 
 @dataclass(frozen=True)
-class _SessionLoads(LoadReadings):
-    """Standard deviations of the known loads' distances and forces; 0: exact."""
-
-    distance_std_m: Annotated[Number, Field(ge=0, le=0.05)] = 5e-4
-    force_std_relative: Annotated[Number, Field(ge=0, le=0.5)] = 5e-3
-
-
-@dataclass(frozen=True)
 class Shutter:
     """Exposure and readout of the recording's camera."""
 
@@ -386,7 +378,7 @@ class SessionFile(FileModel):
     wrench_sensor: Annotated[
         NominalWrenchSensor | None, Field(description="in place of moment_sensor: a sensor of more axes")
     ] = None
-    load_readings: _SessionLoads | None = None
+    load_readings: LoadReadings | None = None
     print_scale_std: Annotated[
         Number, Field(ge=0, le=0.05, description="how well the board's printed size is known, relative; 0: exactly")
     ] = 0.0
@@ -436,7 +428,7 @@ class Session:
     jig_rotation_std_rad: float = 0.0
     tilt_zero_std_rad: float = 0.01
     print_scale_std: float = 0.0
-    load_readings: LoadReadings = LoadReadings()
+    load_readings: LoadReadings = LoadReadings(0.0, 0.0)
     over: OverBoard | None = None
     second_moment_sensor: MomentSensor | None = None
     drift: Drift | None = None
@@ -521,7 +513,6 @@ def session_from(data: Mapping[str, Any], root: Path, path: object) -> Session:
     kinematics, jig = read.kinematics or _SessionKinematics(), read.jig
     # The jig holds the board's back; the printed face lies one thickness nearer to the viewer, along −z.
     face = Pose(np.eye(3), np.array([0.0, 0.0, -read.board.thickness_m]))
-    loads = read.load_readings or _SessionLoads()
     session = Session(
         root=root,
         board=read.board,
@@ -533,7 +524,7 @@ def session_from(data: Mapping[str, Any], root: Path, path: object) -> Session:
         jig_translation_std_m=jig.translation_std_m if jig else 0.0,
         jig_rotation_std_rad=jig.rotation_std_rad if jig else 0.0,
         tilt_zero_std_rad=kinematics.tilt_zero_std_rad,
-        load_readings=LoadReadings(loads.distance_std_m, loads.force_std_relative),
+        load_readings=read.load_readings or LoadReadings(),
         print_scale_std=read.print_scale_std,
         over=read.over,
         second_moment_sensor=read.second_moment_sensor,

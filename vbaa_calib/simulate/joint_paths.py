@@ -8,12 +8,12 @@ from operator import mul
 
 import numpy as np
 
-from vbaa_calib.antenna.rod import Rod, solve_rod
+from vbaa_calib.antenna.rod import solve_rod
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.native import core
+from vbaa_calib.simulate.contact.stick_slip import Setting
 from vbaa_calib.simulate.scene.lens import project
-from vbaa_calib.simulate.scene.objects import TouchObject
 from vbaa_calib.simulate.scene.scene import Joints, SceneSpec, Sweep
 
 
@@ -35,21 +35,10 @@ class _PathSettings:
 _PATHS = _PathSettings()
 
 
-@dataclass(frozen=True, eq=False)
-class Place:
-    """An object and the rig in front of it. radius_m : the antenna's at its clamp. gravity_world_m_s2 : (3,)."""
-
-    name: str
-    object: TouchObject
-    radius_m: float
-    kinematics: Kinematics
-    gravity_world_m_s2: np.ndarray
-
-
-def _free_points(place: Place, rod: Rod, tilts_rad: np.ndarray) -> np.ndarray:
+def _free_points(setting: Setting, kinematics: Kinematics, tilts_rad: np.ndarray) -> np.ndarray:
     """(B, 500, 3) centreline of the free antenna at each tilt, antenna frame; pan does not change gravity in it."""
-    poses = [place.kinematics.T_world_antenna(0.0, tilt) for tilt in tilts_rad]
-    gravity = np.array([pose.rotation.T @ place.gravity_world_m_s2 for pose in poses])
+    rod, poses = setting.rod, [kinematics.T_world_antenna(0.0, tilt) for tilt in tilts_rad]
+    gravity = np.array([pose.rotation.T @ setting.gravity_world_m_s2 for pose in poses])
     shape = solve_rod(rod, gravity, np.full(len(poses), rod.length_m), np.zeros((len(poses), 3)))
     s = np.linspace(0.0, rod.length_m, _PATHS.points)
     return np.array(
@@ -66,21 +55,21 @@ def _joints(press: str, pressed_rad: np.ndarray, other_rad: np.ndarray) -> tuple
 
 
 def _first_touch(
-    place: Place, sweep: Sweep, points_antenna_m: np.ndarray, radius_m: np.ndarray, other_rad: float
+    setting: Setting, kinematics: Kinematics, sweep: Sweep, points_antenna_m: np.ndarray, other_rad: float
 ) -> float:
-    """Angle of the pressing joint, rad, at which the free antenna's points (N, 3), of radii (N,), first touch.
-    Raises InputError."""
+    """Angle of the pressing joint, rad, at which the free antenna's points (N, 3), evenly from clamp to tip, first
+    touch. Raises InputError."""
+    radius_m = setting.radius_at(np.linspace(0.0, setting.rod.length_m, len(points_antenna_m)))
     angles = sweep.toward * np.deg2rad(np.arange(-70.0, 70.5, 1.0))
     for divided in range(_PATHS.divisions + 1):
-        poses = place.kinematics.world_antenna(*_joints(sweep.press, angles, np.full_like(angles, other_rad)))
+        poses = kinematics.world_antenna(*_joints(sweep.press, angles, np.full_like(angles, other_rad)))
         # where the free antenna would penetrate the object
-        hit = core.simulate.first_within(place.object.numbers, *poses, points_antenna_m, radius_m)
+        hit = core.simulate.first_within(setting.object.numbers, *poses, points_antenna_m, radius_m)
         if divided == 0 and hit in (0, len(angles)):
             raise InputError(
                 f"the antenna never meets the object by {sweep.press} in the "
                 f"{'positive' if sweep.toward > 0 else 'negative'} direction with the other joint at "
                 f"{np.rad2deg(other_rad):.1f}°",
-                where=f"scene {place.name}: recording.sweeps",
                 remedy="move the object or sweep elsewhere",
             )
         first = angles[hit]
@@ -88,14 +77,13 @@ def _first_touch(
     return float(first)
 
 
-def sweep_joints(place: Place, rod: Rod, sweep: Sweep) -> list[Joints]:
+def sweep_joints(setting: Setting, kinematics: Kinematics, sweep: Sweep) -> list[Joints]:
     """The frames of one stroke: free, pressed against the object while the other joint sweeps, free again."""
     swept = np.linspace(*sweep.sweep_rad, sweep.frames)
     phase = np.linspace(0.0, 2 * np.pi * sweep.swells, sweep.frames)
     push = sweep.push_rad[0] + (sweep.push_rad[1] - sweep.push_rad[0]) * (0.5 - 0.5 * np.cos(phase))
-    points = _free_points(place, rod, swept if sweep.press == "pan" else np.zeros_like(swept))
-    radius = place.radius_m * rod.taper.diameter(np.linspace(0.0, 1.0, _PATHS.points))
-    touch = np.array([_first_touch(place, sweep, p, radius, other) for p, other in zip(points, swept, strict=True)])
+    points = _free_points(setting, kinematics, swept if sweep.press == "pan" else np.zeros_like(swept))
+    touch = np.array([_first_touch(setting, kinematics, sweep, p, at) for p, at in zip(points, swept, strict=True)])
     before, after = np.full(sweep.free_frames, swept[0]), np.full(sweep.free_frames, swept[-1])
     clear = -sweep.clearance_rad * np.linspace(1.3, 1.0, sweep.free_frames)
     relative = np.concatenate([touch[0] + sweep.toward * clear, touch + sweep.toward * push])

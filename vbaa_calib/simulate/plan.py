@@ -10,15 +10,16 @@ import numpy as np
 
 from targets.board import BoardWithIds
 from vbaa_calib.antenna.rod import Rod, RodShape, solve_rod
-from vbaa_calib.core.errors import InputError, SolveError
+from vbaa_calib.core.errors import InputError, SolveError, about
 from vbaa_calib.geometry import Pose
 from vbaa_calib.native import core
 from vbaa_calib.session import READINGS
+from vbaa_calib.simulate.contact.stick_slip import Setting
 from vbaa_calib.simulate.contact.touch import Touch, touch_strokes
 from vbaa_calib.simulate.scene.lens import Lens, normalise, project
 from vbaa_calib.simulate.scene.scene import IntrinsicsSpec, Joints, KnownLoad, SceneSpec, true_rod
 
-from .joint_paths import Place, sweep_joints
+from .joint_paths import sweep_joints
 
 
 def _board_poses(lens: Lens, board: BoardWithIds, spec: IntrinsicsSpec, rng: np.random.Generator) -> list[Pose]:
@@ -257,10 +258,11 @@ def _held(
 def _pressed(scene: SceneSpec, rod: Rod) -> list[tuple[list[Joints], Touch]]:
     """Each stroke's joint angles and contacts. Raises InputError when the antenna slips off or never touches."""
     sweeps = scene.recording.sweeps
-    place = Place(scene.name, scene.object, scene.radius_m, scene.kinematics, scene.gravity_world_m_s2)
-    joints = [sweep_joints(place, rod, sweep) for sweep in sweeps]
     remedy = "push less, sweep less or move the object"
     where = f"scene {scene.name}: recording.sweeps"
+    setting = Setting(rod, scene.radius_m, scene.object, scene.gravity_world_m_s2)
+    with about(where):
+        joints = [sweep_joints(setting, scene.kinematics, sweep) for sweep in sweeps]
     poses = [[scene.T_world_antenna(j) for j in stroke] for stroke in joints]
     try:
         touches = touch_strokes(rod, scene.radius_m, scene.object, poses, scene.gravity_world_m_s2)

@@ -20,7 +20,7 @@ from vbaa_calib.geometry.covariance import independent_axes
 from vbaa_calib.rig import WrenchSensor
 from vbaa_calib.session import Drift, Load, LoadReadings, Still
 
-EXACT = LoadReadings()  # loads whose places and forces are exact
+EXACT = LoadReadings(0.0, 0.0)  # loads whose places and forces are exact
 
 
 def reading_keys(load: Load) -> tuple[tuple[str, str], tuple[str, str]]:

@@ -26,6 +26,7 @@ from vbaa_calib.antenna import linear
 from vbaa_calib.antenna.elastica import planar_elastica_dead
 from vbaa_calib.core.csv_rows import number, read_csv
 from vbaa_calib.core.errors import InputError, SolveError
+from vbaa_calib.core.least_squares import SQUARES, Linearised, Rules, minimise
 from vbaa_calib.core.robust import mad_std
 
 from .settings import AntennaSettings
@@ -69,7 +70,7 @@ class DeflectionTable:
         """Fits a model to the readings of a mask (N,). offset, turning : whether the gauge's offset and the clamp are
         free."""
         x, y = self.x_m[kept], self.deflection_m[kept]
-        found = _gauss_newton(self.forward(model, kept), x, y, start_Nm2, offset=offset, turning=turning)
+        found = _least_squares(self.forward(model, kept), x, y, start_Nm2, offset=offset, turning=turning)
         return _RodFit(self, model, kept, offset, *found)
 
 
@@ -292,7 +293,7 @@ def _elastica(x_m: np.ndarray, force_N: float, distance_m: float) -> Forward:
     return deflections
 
 
-def _gauss_newton(
+def _least_squares(
     forward: Forward,
     x_m: np.ndarray,
     deflection_m: np.ndarray,
@@ -301,27 +302,33 @@ def _gauss_newton(
     offset: bool,
     turning: bool = False,
 ) -> tuple[float, float, float, np.ndarray]:
-    """EI, offset, clamp rotation and design matrix (N, P) at the least-squares minimum, by Gauss–Newton in the
-    compliance, exact in one step for the beam. All arrays (N,). Raises SolveError when it does
-    not converge, as where a clamp rotation explains all of the deflection."""
-    stiffness, share = start_Nm2, 1e-4  # of the compliance, in central differences
+    """EI, offset, clamp rotation and design matrix (N, P) at the least-squares minimum, in terms of the compliance, as
+    the beam is linear in it. All arrays (N,). Raises SolveError when it does not converge, as where a
+    clamp rotation explains all of the deflection."""
+    share = 1e-4  # of the compliance, in central differences
     extra = [column for free, column in ((offset, np.ones_like(x_m)), (turning, x_m)) if free]
-    for _ in range(60):
-        shape = forward(stiffness)
+
+    def evaluate(at: np.ndarray) -> Linearised | None:
+        if at[0] <= 0.0:
+            return None
+        stiffness = start_Nm2 / at[0]
         softer, stiffer = forward(stiffness / (1.0 + share)), forward(stiffness / (1.0 - share))
-        design = np.stack([(softer - stiffer) / (2.0 * share), *extra], axis=1)
-        if not np.isfinite(design).all() or not np.isfinite(shape).all():
-            break
-        solution = np.linalg.lstsq(design, deflection_m - shape, rcond=None)[0]
-        step = float(np.clip(solution[0], -0.5, 1.0))
-        stiffness /= 1.0 + step
-        if abs(step) < 1e-10:
-            shift = float(solution[1]) if offset else 0.0
-            return stiffness, shift, float(solution[-1]) if turning else 0.0, design
-    raise SolveError(
-        "the fit of EI does not converge: the readings are not those of one rod in a clamp; check force, distance "
-        "and the table's columns"
-    )
+        jacobian = np.stack([(softer - stiffer) / (2.0 * share * at[0]), *extra], axis=1)
+        found = Linearised(at, forward(stiffness) + jacobian[:, 1:] @ at[1:] - deflection_m, jacobian, 0, loss=SQUARES)
+        return found if found.is_finite else None
+
+    start = evaluate(np.eye(1, 1 + len(extra))[0])
+    # a step of 1e-10 of the deflection
+    rules = Rules(60, standstill=0.5e-20 * float(deflection_m @ deflection_m), takes_last=True)
+    found, promise, _ = (start, np.inf, True) if start is None else minimise(evaluate, start, rules)
+    if found is None or promise > rules.standstill:
+        raise SolveError(
+            "the fit of EI does not converge: the readings are not those of one rod in a clamp; check force, distance "
+            "and the table's columns"
+        )
+    compliance, *others = found.parameters.tolist()
+    design = found.jacobian * np.append(compliance, np.ones(len(extra)))
+    return start_Nm2 / compliance, others[0] if offset else 0.0, others[-1] if turning else 0.0, design
 
 
 def _slope_at(model: str, force_N: float, distance_m: float, stiffness_Nm2: float) -> float:

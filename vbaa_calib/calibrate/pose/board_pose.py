@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -113,7 +113,7 @@ def solve_board_pose(views: Sequence[BoardView], board: BoardShape, camera: Came
             remedy="take the picture again with the board sharp, lit and wholly in view",
         )
     starts = start_poses(flat[seen], rays[seen, :2] / rays[seen, 2:])
-    whole = _SeenBoard(camera, points, pixels)
+    whole = SeenBoard(camera, points, pixels, np.ones(len(points)))
     found = [whole.refined(pose, SOFT_L1) for pose in starts]
     found.append(whole.refined(mirrored(found[0], points), SOFT_L1))
     first, *others = sorted(found, key=lambda pose: float(soft_l1_losses(whole.residual(pose)).sum()))
@@ -121,7 +121,7 @@ def solve_board_pose(views: Sequence[BoardView], board: BoardShape, camera: Came
     inliers = distance <= max(PoseSettings.gross_corner * radial_std(distance), PoseSettings.gross_corner_px)
     if not fixes_homography(points[inliers, :2]):
         raise SolveError("no pose of the board explains its corners: is the lens that of this camera?")
-    good = _SeenBoard(camera, points[inliers], pixels[inliers])
+    good = whole.picked(inliers)
     first = good.refined(first, SQUARES)
     by_pose, by_lens = good.derivatives(first)
     inverse, residual = np.linalg.pinv(by_pose), good.residual(first)
@@ -170,24 +170,39 @@ def _rms(residual: np.ndarray) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class _SeenBoard:
-    """Points (N, 3) of the board and their observed pixels (N, 2) in a camera."""
+class SeenBoard:
+    """Points (N, 3) m of the board, what a camera sees of them, pixels (N, 2), and factors (N,) on their residuals.
 
-    camera: Camera
+    Without a camera `pixels` are measured points (N, 3) m of its frame.
+    """
+
+    camera: Camera | None
     points: np.ndarray
     pixels: np.ndarray
+    weights: np.ndarray
+
+    def picked(self, which: np.ndarray) -> SeenBoard:
+        """Those of a mask (N,)."""
+        return replace(self, points=self.points[which], pixels=self.pixels[which], weights=self.weights[which])
 
     def residual(self, T_camera_board: Pose) -> np.ndarray:
-        """Reprojection residuals (2N,) px, projected less observed; 1,000 px where the lens does not see the point."""
-        projected, valid = self.camera.project(T_camera_board @ self.points)
-        return np.where(valid[:, None], projected - self.pixels, 1e3).ravel()
+        """Weighted residuals (2N,) px, projected less observed; 1,000 px where the lens does not see the point.
+        Without a camera (3N,) m."""
+        predicted, seen = T_camera_board @ self.points, np.ones(len(self.points), bool)
+        if self.camera is not None:
+            predicted, seen = self.camera.project(predicted)
+        return (np.where(seen[:, None], predicted - self.pixels, 1e3) * self.weights[:, None]).ravel()
 
     def derivatives(self, T_camera_board: Pose) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of the interleaved pixels by the pose's tangent (2N, 6) and by the lens' parameters (2N, 4 +
-        k)."""
-        _, by_point, by_lens = projected(self.camera, T_camera_board @ self.points)
-        by_pose = pose_slopes(by_point, self.points @ T_camera_board.rotation.T)
-        return by_pose.reshape(-1, 6), by_lens.reshape(2 * len(self.points), -1)
+        """Derivatives of the residuals by the pose's tangent (2N, 6) and by the lens' parameters (2N, 4 + k); without
+        a camera (3N, 6) and (3N, 0)."""
+        lever = self.points @ T_camera_board.rotation.T
+        by_point, by_lens = np.broadcast_to(np.eye(3), (len(lever), 3, 3)), np.zeros((len(lever), 3, 0))
+        if self.camera is not None:
+            _, by_point, by_lens = projected(self.camera, lever + T_camera_board.translation_m)
+        rows = by_point.shape[0] * by_point.shape[1]
+        by_pose, by_lens = (part * self.weights[:, None, None] for part in (pose_slopes(by_point, lever), by_lens))
+        return by_pose.reshape(rows, 6), by_lens.reshape(rows, -1)
 
     def refined(self, T_camera_board: Pose, loss: Loss) -> Pose:
         """The local minimum of the robust cost, from an initial pose."""
@@ -212,11 +227,9 @@ class _SeenBoard:
         """Rms residual, px, of the best distinct other pose; None without one."""
         for start in others:
             pose = self.refined(start, SQUARES)
-            if (
-                turn_between(pose, first) > PoseSettings.same_pose_rad
-                and self.camera.project(pose @ self.points)[1].all()
-            ):
-                return _rms(self.residual(pose))
+            residual = self.residual(pose)
+            if turn_between(pose, first) > PoseSettings.same_pose_rad and (residual != 1e3).all():
+                return _rms(residual)
         return None
 
 

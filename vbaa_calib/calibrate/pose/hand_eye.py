@@ -29,18 +29,17 @@ from scipy.optimize import linear_sum_assignment, minimize
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtri, fdtri
 
-from vbaa_calib.calibrate.lens.models import pose_slopes, projected
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import InputError, SolveError
-from vbaa_calib.core.least_squares import Rules, levenberg_marquardt, solve_scaled
-from vbaa_calib.core.robust import radial_std, soft_l1_weights
+from vbaa_calib.core.least_squares import SOFT_L1, Rules, levenberg_marquardt, solve_scaled
+from vbaa_calib.core.robust import radial_std
 from vbaa_calib.detect.board.corners import BoardView, require_corners
 from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.geometry import Pose
 from vbaa_calib.geometry.covariance import independent_axes, largest_std
 
-from .board_pose import mirrored, require_size, start_poses, turn_between
+from .board_pose import SeenBoard, mirrored, require_size, start_poses, turn_between
 from .settings import HandEyeSettings
 
 
@@ -167,44 +166,6 @@ _SHARED = 12  # columns of X's tangent and of Z's
 _STD_LOGS = np.log([(1e-7, 1.0), (1e-7, 1.0), (1.0, 1e9)])  # between them the deviations are sought
 
 
-@dataclass(frozen=True, eq=False)
-class _ViewCorners:
-    """One view's corners, or board points transformed by its measured pose."""
-
-    points_m: np.ndarray  # (N, 3) board frame
-    pixels: np.ndarray  # (N, 2), or without a camera (N, 3) m in its frame
-    weights: np.ndarray  # (N,) on residuals
-
-    def linearised(self, camera: Camera | None, T_camera_board: Pose) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Weighted residuals (2N,) px, observed minus predicted, and the prediction's derivatives by the pose's
-        tangent (2N, 6) and by the lens (2N, 4 + k); without a camera (3N,) m, (3N, 6) and (3N, 0)."""
-        lever = self.points_m @ T_camera_board.rotation.T
-        pixels = lever + T_camera_board.translation_m
-        by_point, by_lens = np.broadcast_to(np.eye(3), (len(lever), 3, 3)), np.zeros((len(lever), 3, 0))
-        if camera is not None:
-            pixels, by_point, by_lens = projected(camera, pixels)
-        residuals = (self.pixels - pixels) * self.weights[:, None]
-        weighted, by_lens = (
-            (slopes * self.weights[:, None, None]).reshape(residuals.size, -1)
-            for slopes in (pose_slopes(by_point, lever), by_lens)
-        )
-        return residuals.ravel(), weighted, by_lens
-
-    def posed(self, camera: Camera, start: Pose) -> tuple[Pose, np.ndarray]:
-        """The board's pose by IRLS (soft L1) from an initial pose, and the residuals' lengths (N,) px there."""
-        pose = start
-        for _ in range(HandEyeSettings.reweightings):
-            residuals, by_pose, _ = self.linearised(camera, pose)
-            distances = np.linalg.norm(residuals.reshape(-1, 2), axis=1)
-            weights = soft_l1_weights(distances, HandEyeSettings.soft * max(radial_std(distances), 1e-9)).repeat(2)
-            weighted = by_pose * weights[:, None]
-            step = solve_scaled(weighted.T @ by_pose, weighted.T @ residuals)
-            pose = pose.retract(step)
-            if np.abs(by_pose @ step).max() < HandEyeSettings.standstill_px:
-                break
-        return pose, np.linalg.norm(self.linearised(camera, pose)[0].reshape(-1, 2), axis=1)
-
-
 _HandEyeState = tuple[Pose, ...]
 """What is solved for: X, Z, and each view's E."""
 
@@ -300,7 +261,7 @@ class _HandEyeProblem:
     noise of a corner's coordinate in px (m), and whether the arm holds the camera.
     """
 
-    views: tuple[_ViewCorners, ...]
+    views: tuple[SeenBoard, ...]
     readings: tuple[Pose, ...]
     camera: Camera | None
     noise_px: float
@@ -352,7 +313,9 @@ class _HandEyeProblem:
         """Each view's rows at a state, and the cost."""
         axes, squares, each = self._lens_axes, 0.0, []
         for index, (view, pose) in enumerate(zip(self.views, self.predicted(state), strict=True)):
-            residuals, tangents, by_lens = (part / self.noise_px for part in view.linearised(self.camera, pose))
+            residuals, tangents, by_lens = (
+                part / self.noise_px for part in (-view.residual(pose), *view.derivatives(pose))
+            )
             basis, factor = np.linalg.qr(tangents)
             own, slopes = basis.T @ residuals, factor @ self._tangents(state, pose, index)
             squares += float(residuals @ residuals) / std[2] ** 2
@@ -504,7 +467,7 @@ class _SeenView:
 
     name: str
     reason: str = ""
-    corners: _ViewCorners | None = None
+    corners: SeenBoard | None = None
     poses: tuple[Pose, ...] = ()
     square: float = 0.0
     left_out: int = 0
@@ -527,23 +490,36 @@ def _seen_view(view: BoardView, points: np.ndarray, camera: Camera) -> _SeenView
         starts = start_poses(flat[seen], rays[seen, :2] / rays[seen, 2:])
     except SolveError as error:
         return _SeenView(view.name, str(error))
-    every = _ViewCorners(points[ids[seen]], pixels[seen], _weights(view, seen))
+    every = SeenBoard(camera, points[ids[seen]], pixels[seen], _weights(view, seen))
     if len(starts) == 1:
-        starts.append(mirrored(starts[0], every.points_m))
-    found = [every.posed(camera, start) for start in starts]
+        starts.append(mirrored(starts[0], every.points))
+    found = [_posed(every, start) for start in starts]
     pose, distances = min(found, key=lambda one: float(np.minimum(one[1], 10.0 * np.median(one[1])).sum()))
     inlying = distances <= max(HandEyeSettings.outlier * radial_std(distances), HandEyeSettings.outlier_px)
-    if inlying.sum() < HandEyeSettings.fewest_corners or not fixes_homography(every.points_m[inlying, :2]):
+    if inlying.sum() < HandEyeSettings.fewest_corners or not fixes_homography(every.points[inlying, :2]):
         return _SeenView(view.name, "no pose of the board explains its corners")
-    corners = _ViewCorners(every.points_m[inlying], every.pixels[inlying], every.weights[inlying])
-    best, distances = corners.posed(camera, pose)
+    corners = every.picked(inlying)
+    best, distances = _posed(corners, pose)
     poses, square = [best], float((distances**2).sum())
     other, _ = max(found, key=lambda one: turn_between(one[0], best))
-    second, off = corners.posed(camera, other)
+    second, off = _posed(corners, other)
     ahead = second.translation_m[2] > 0.0 and turn_between(second, best) > HandEyeSettings.same_pose_rad
     if ahead and float((off**2).sum()) < HandEyeSettings.second_pose**2 * square:
         poses.append(second)
     return _SeenView(view.name, "", corners, tuple(poses), square, len(ids) - int(inlying.sum()))
+
+
+def _posed(corners: SeenBoard, start: Pose) -> tuple[Pose, np.ndarray]:
+    """The board's pose by soft L1 losses in units of the corners' own scatter, from an initial pose, and the
+    residuals' lengths (N,) px there."""
+
+    def distances(pose: Pose) -> np.ndarray:
+        return np.linalg.norm(corners.residual(pose).reshape(-1, 2), axis=1)
+
+    pose = corners.refined(start, SOFT_L1)
+    scale = HandEyeSettings.soft * max(radial_std(distances(pose)), 1e-9)
+    pose = replace(corners, weights=corners.weights / scale).refined(pose, SOFT_L1)
+    return pose, distances(pose)
 
 
 def _weights(view: BoardView, seen: np.ndarray) -> np.ndarray:
@@ -777,7 +753,7 @@ def _seen_poses(views: Sequence[tuple[str, Pose]], count: int) -> tuple[np.ndarr
     )
     points = size_m * np.vstack([np.eye(3), -np.eye(3)])
     ones = np.ones(len(points))
-    return points, [_SeenView(name, "", _ViewCorners(points, pose @ points, ones), (pose,)) for name, pose in poses]
+    return points, [_SeenView(name, "", SeenBoard(None, points, pose @ points, ones), (pose,)) for name, pose in poses]
 
 
 def _checked_points(board_points: np.ndarray) -> np.ndarray:

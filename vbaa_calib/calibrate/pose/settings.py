@@ -68,9 +68,7 @@ class HandEyeSettings:
     outlier_px: float = 0.25  # and at least this
     second_pose: float = 3.0  # error of a plane's second pose over the first's, up to which it may be the right one
     same_pose_rad: float = 1e-2  # turn between two poses below which they are one
-    reweightings: int = 10  # of a view's corners, most
     soft: float = 1.5  # distance in σ from which a corner counts less, soft L1
-    standstill_px: float = 1e-3  # movement of the corners by a step with which reweighting ends
     rounding_px: float = 1e-6  # least noise of a corner
     point_share: float = 0.1  # size of the board that stands for a measured pose, over its distance,
     least_size_m: float = 1e-3  # and at least this

@@ -15,7 +15,7 @@ from vbaa_calib.antenna.rod import TORSION_RATIO, Rod
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.models import Number, WholeNumber, array_of, read_as
 from vbaa_calib.geometry import Kinematics, Pose
-from vbaa_calib.session import NominalAntenna
+from vbaa_calib.session import MomentSensor, NominalAntenna
 from vbaa_calib.session.settings import FilePose
 
 from .lens import Lens
@@ -66,15 +66,6 @@ class TrueAntenna:
     clamp_offset_m: Annotated[np.ndarray, array_of(3)] = field(default_factory=lambda: np.zeros(3))
     natural_curvature_per_m: Annotated[np.ndarray, array_of(2)] = field(default_factory=lambda: np.zeros(2))
     holder_m: Annotated[np.ndarray, array_of(2)] = field(default_factory=lambda: np.zeros(2))
-
-
-@dataclass(frozen=True)
-class SceneSensor:
-    """A moment sensor that reads gain · moment + offset + noise."""
-
-    std_Nm: Annotated[Number, Field(ge=1e-12, le=10)]
-    gain: Annotated[Number, Field(ge=0.1, le=10)] = 1.0
-    offset_Nm: Number = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,7 +301,7 @@ class SceneSpec:
     jig_pictures: int
     antenna: NominalAntenna
     true: TrueAntenna
-    moment: SceneSensor | None
+    moment: MomentSensor | None
     wrench: WrenchSpec | None
     kinematics: Kinematics
     gravity_world_m_s2: np.ndarray

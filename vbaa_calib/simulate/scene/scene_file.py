@@ -15,7 +15,7 @@ from vbaa_calib.core.errors import InputError, about
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.models import FileModel, Number, WholeNumber, array_of, checked, read_as
 from vbaa_calib.geometry import Kinematics, Pose
-from vbaa_calib.session import NominalAntenna
+from vbaa_calib.session import MomentSensor, NominalAntenna
 from vbaa_calib.session.settings import AnyLength, CameraName, Diameter, FilePose, FileProfile, Gravity
 
 from .lens import Lens, invertible
@@ -27,7 +27,6 @@ from .scene import (
     OverSpec,
     PictureSpec,
     PlannedStrokes,
-    SceneSensor,
     SceneSpec,
     TraceSpec,
     TrueAntenna,
@@ -149,6 +148,11 @@ def _nominal_and_true(read: _SceneAntenna) -> tuple[NominalAntenna, TrueAntenna]
     return nominal, read.actual
 
 
+def _with_gain(sensor: Any) -> Any:
+    """A scene's `moment_sensor`, which reads the moment itself where neither gain nor offset is stated."""
+    return {"gain": 1.0, "offset_Nm": 0.0, **sensor} if isinstance(sensor, Mapping) else sensor
+
+
 @dataclass(frozen=True, eq=False)
 class _SceneJig:
     T_antenna_board: FilePose
@@ -179,7 +183,7 @@ class _SceneFile(FileModel):
     board: FileBoard
     jig: _SceneJig
     antenna: Annotated[tuple[NominalAntenna, TrueAntenna], read_as(_SceneAntenna, _nominal_and_true)]
-    moment_sensor: SceneSensor | None = None
+    moment_sensor: Annotated[MomentSensor, BeforeValidator(_with_gain)] | None = None
     wrench_sensor: WrenchSpec | None = None
     kinematics: Annotated[Kinematics, read_as(_SceneKinematics, lambda read: Kinematics(**vars(read)))] = Field(
         default_factory=Kinematics
