@@ -28,7 +28,7 @@ from estimator.solver.linearised import bend, linearised
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from estimator.table.contacts import ContactTable, joint_angles
 from vbaa_calib.antenna.rungs import REFERENCE
-from vbaa_calib.antenna.shape import CONTACT
+from vbaa_calib.antenna.shape import CONTACT, Curves
 from vbaa_calib.core.arrays import Rows, gate
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
@@ -109,33 +109,24 @@ def _frames(arrays: RigArrays, joints_rad: np.ndarray) -> Frames:
     return empty_frames(arrays, np.einsum("bji,j->bi", rotation, arrays.rig.gravity_world_m_s2))
 
 
-@dataclass(frozen=True, eq=False)
-class _Bent:
-    """B bent antennas in the world frame."""
-
-    point_m: np.ndarray  # (B, 3) contact
-    tangent: np.ndarray  # (B, 3)
-    force_N: np.ndarray  # (B, 3)
-    nodes_m: np.ndarray  # (B, M, 3)
-
-
-def _bent(arrays: RigArrays, joints_rad: np.ndarray, unknowns: np.ndarray) -> _Bent:
+def _bent(arrays: RigArrays, joints_rad: np.ndarray, unknowns: np.ndarray) -> Curves:
+    """Antennas at joint angles (B, 2) with unknowns (B, 4), in the world frame."""
     rotation, translation = arrays.rig.kinematics.world_antenna(*joints_rad.T)
     shapes = bend(_frames(arrays, joints_rad), REFERENCE, unknowns[:, None])
-    nodes = np.einsum("bij,bmj->bmi", rotation, shapes.points_m) + translation[:, None]
-    tangent, force = (np.einsum("bij,bj->bi", rotation, each) for each in (shapes.tangents[:, CONTACT], shapes.force_N))
-    return _Bent(nodes[:, CONTACT], tangent, force, nodes)
+    points, tangents = (np.einsum("bij,bmj->bmi", rotation, each) for each in (shapes.points_m, shapes.tangents))
+    force = np.einsum("bij,bj->bi", rotation, shapes.force_N)
+    return replace(shapes, points_m=points + translation[:, None], tangents=tangents, force_N=force)
 
 
 def _against(
-    found: SurfaceFit, patch: np.ndarray, bent: _Bent, radius_m: float
+    found: SurfaceFit, patch: np.ndarray, bent: Curves, radius_m: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Gap (B,) between antennas and their patches, m, 0 (B,) where the antenna is tangential, and outward normal (B,
     3)."""
     gaps, tilts, normals = (np.full(shape, np.nan) for shape in (len(patch), len(patch), (len(patch), 3)))
     for index in np.unique(patch):
         m, one, solution = patch == index, found.patches[index], found.solution
-        local, tangent = (bent.point_m[m] - one.center_m) @ one.frame.T, bent.tangent[m] @ one.frame.T
+        local, tangent = (bent.contact_m[m] - one.center_m) @ one.frame.T, bent.tangents[m, CONTACT] @ one.frame.T
         x = local[:, : one.dimensions]
         height = solution.mean(index, one.value_rows(x)).reshape(-1, len(x)).T
         slope = solution.mean(index, one.slope_rows(x)).reshape(2, len(x)).T
@@ -221,10 +212,10 @@ def _reachable(
     unknowns[:, 0] = np.clip(np.nan_to_num(first[:, 0], nan=0.5), _TouchSettings.nearest, 1.0)
     begun = _bent(arrays, np.nan_to_num(touch), unknowns)
     _, _, normal = _against(found, patch, begun, radius)
-    std = _surface_std(found, patch, begun.point_m, normal)
+    std = _surface_std(found, patch, begun.contact_m, normal)
     bound_m = np.array([surely_known_m(found, index) for index in range(len(found.patches))])[patch]
     known &= std <= bound_m
-    lever = _ways(arrays, np.nan_to_num(touch), begun.point_m, np.nan_to_num(normal))[1][:, 0]
+    lever = _ways(arrays, np.nan_to_num(touch), begun.contact_m, np.nan_to_num(normal))[1][:, 0]
     begin = touch - ((_TouchSettings.clear_m + 3.0 * std) / lever)[:, None] * press
     for level, slope in enumerate(np.radians(_TouchSettings.slopes_deg)):
         antenna = arrays.rig.antenna
@@ -236,15 +227,15 @@ def _reachable(
         aim = np.einsum("bji,bj->bi", turn, np.nan_to_num(normal))[:, 1:]
         begun_at = np.column_stack([first[:, 0], size[:, None] * aim / arrays.force_unit_N])
         made, bent, outward = _pressed(found, arrays, patch, pressed, begun_at)
-        std = _surface_std(found, patch, bent.point_m, outward)
+        std = _surface_std(found, patch, bent.contact_m, outward)
         inside = (made[:, 0] > _TouchSettings.nearest) & (made[:, 0] < _TouchSettings.farthest)
         known = known & np.isfinite(made).all(axis=1) & inside & (std <= bound_m)
         known &= np.sum(bent.force_N * outward, axis=1) > 0.0
         allowed = known & limits.hold(*pressed.T) & limits.hold(*begin.T)
-        allowed[allowed] = _clear(found, patch[allowed], bent.nodes_m[allowed], radius)
+        allowed[allowed] = _clear(found, patch[allowed], bent.points_m[allowed], radius)
         part = _Reach(
             *(pressed, begin, touch, patch, made, row, sweep, np.full(len(row), level)),
-            *(bent.point_m, outward, bent.tangent, bent.force_N),
+            *(bent.contact_m, outward, bent.tangents[:, CONTACT], bent.force_N),
         )
         parts.append(part.picked(np.flatnonzero(allowed)))
     return _Reach.joined(parts)
@@ -252,7 +243,7 @@ def _reachable(
 
 def _pressed(
     found: SurfaceFit, arrays: RigArrays, patch: np.ndarray, joints_rad: np.ndarray, start: np.ndarray
-) -> tuple[np.ndarray, _Bent, np.ndarray]:
+) -> tuple[np.ndarray, Curves, np.ndarray]:
     """Unknowns (B, 4) of antennas in frictionless contact with the surface, NaN where there is none, their shapes,
     and the surface's normals (B, 3)."""
     radius, scale = 0.5 * arrays.rig.antenna.diameter_m, np.linalg.norm(start[:, 1:], axis=1)
@@ -265,7 +256,7 @@ def _pressed(
         bent = _bent(arrays, joints_rad, unknowns_of(x))
         gap, flat, normal = _against(found, patch, bent, radius)
         give = found.state.compliance_m_N * np.sum(bent.force_N * normal, axis=1)
-        side = np.sum(bent.force_N * np.cross(normal, bent.tangent), axis=1)
+        side = np.sum(bent.force_N * np.cross(normal, bent.tangents[:, CONTACT]), axis=1)
         size = np.linalg.norm(bent.force_N, axis=1)
         return np.column_stack([(gap + give) / _TouchSettings.place_m, flat, side / np.maximum(size, 1e-12)])
 
