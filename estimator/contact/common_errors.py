@@ -190,11 +190,11 @@ def _silent(count: int) -> tuple[np.ndarray, np.ndarray]:
 def noise_free_frames(
     empty: Frames, rung: str, unknowns: np.ndarray, sensor_available: np.ndarray, *, point_per_px: bool
 ) -> Frames:
-    """Noise-free frames of contacts with these unknowns (B, 4), with the available readings (B,), or (B, S) as
-    `RigArrays.sensors`.
+    """Noise-free frames of contacts with these unknowns (B, 4).
 
-    All have the points of the longest, about one a pixel but not more than `most_points`; with `point_per_px` each
-    point's deviation makes up for it, so that they weigh as much as one a pixel.
+    sensor_available : weights of the readings, (B,), or (B, S) in the order of `RigArrays.sensors`.
+    All frames have as many points as the longest antenna has pixels, at most `most_points`. point_per_px : the points'
+    standard deviations are chosen such that they weigh as much as one point a pixel.
     """
     rig_arrays, rig = empty.rig_arrays, empty.rig_arrays.rig
     T_camera_antenna = rig.T_antenna_camera.inverse()

@@ -140,7 +140,7 @@ class LearntRig:
 
 
 def _in_covariance(widened: Rig, before: Rig) -> Rig:
-    """The rig with only the lines' own errors as future drift; all else is in its covariance."""
+    """The rig without further drift, which is in its covariance already, but for the lines' own errors."""
     return replace(widened, drift=replace(type(before.drift)(), line_px=before.drift.line_px))
 
 

@@ -460,8 +460,8 @@ class ContactStream:
     ) -> Generator[None, None, tuple[Contacts, np.ndarray, Shapes]]:
         """The contacts of a batch, and `motion_of` them, with the solver started at the previous contact.
 
-        What the stream of the same frames has found for one that has a start of its own is found again by the same
-        estimator, so it is not searched.
+        A frame with a start of its own that the stream of the same frames has already solved with the same estimator
+        would give the same result, which is taken over.
         """
         then = now.at(max(each.time_s for each in several))
         earlier = [self._earlier.popleft() for _ in range(min(len(several), len(self._earlier)))]

@@ -312,8 +312,8 @@ def _with_bow(
 ) -> ClampTrack:
     """The track with the bow in the picture common to its free frames, and its variation between them.
 
-    Each frame's bow is what its own clamp, free within standard deviations (4,), leaves; frames that a force explains
-    better are not free. known : these, and the frames' curvatures (F,): where they crowd, the search begins.
+    In each frame bow and clamp are fitted together; frames that a force explains better are not free. known : prior
+    standard deviations (4,) of the clamp, and the frames' curvatures (F,); the search begins where most of them lie.
     """
     (frames, lines), (std, curvature) = seen, known
     wide, first = float(track.rig.std("bow_about_z_per_m")), len(POSE_PARAMETERS)

@@ -335,8 +335,8 @@ class Case:
         return [weighed(self.recorded.fit, self.best, self.scale, self.axes, free) for free in self.frees]
 
     def by_one(self, axes: np.ndarray, first: int) -> list[np.ndarray]:
-        """Steps (K,) along axes (18 + P, K) by which single frames, from `first` on, would show the free antenna: first
-        those that other frames agree with most, to first order."""
+        """Candidate changes (K,) along axes (18 + P, K), each the one with which a single frame, from `first` on, shows
+        the free antenna; sorted by how well the other frames agree with it, to first order."""
         size = self.recorded.fit.steps
         every, unit = np.ones(len(self.recorded), bool), np.eye(size + axes.shape[1])
         information, score = (each[first:] for each in self.recorded.fit.shared(axes, every))

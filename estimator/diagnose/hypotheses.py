@@ -351,8 +351,8 @@ def _explanations(case: Case) -> Iterator[Explanation[Case]]:
 
 
 def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
-    """Explanations by moments that do not follow the antenna, or are not as reported: ranked by some of the frames
-    or, where all is well, by the moments that the pictures alone predict."""
+    """Explanations by the moment readings: the sensor is dead or stuck, or a factor, sign, zero or order of them is
+    not as reported."""
     recorded, std = case.recorded, case.recorded.rig.moment_sensor.std_Nm
     read = recorded.batch.readings_Nm[:, 0]
     there = np.isfinite(read)

@@ -128,8 +128,11 @@ def _trend(
 
 
 def _offness(covariance: np.ndarray, prior: np.ndarray, rig: int, excess: float) -> float:
-    """Factor by which the rig is farther off than its standard deviations; a direction that is determined in part
-    counts in part."""
+    """Ratio of the rig's change, as the recording determines it, to the standard deviations of its calibration.
+
+    covariance : of all shared unknowns, of which the first `rig` are the rig's. prior : their inverse variances before
+    the recording. excess : χ² of the change less its degrees of freedom. A direction that the recording determines in
+    part counts in part."""
     determined = rig - float(np.diag(covariance)[:rig] @ prior[:rig])
     return float(np.sqrt(max(1.0 + excess / max(determined, 1e-9), 0.0)))
 
@@ -199,7 +202,8 @@ def _length(own: np.ndarray, covariance: np.ndarray) -> float:
 
 
 def _ahead(problem: RecordingProblem, state: State) -> np.ndarray:
-    """(S,) shared steps relative to the linearisation: the lines' errors are linear, and linearised at 0."""
+    """(S,) shared steps from where the equations are linearised to the state: those of the lines' errors, which are
+    linearised at 0; the others are linearised at the state."""
     first = problem.axes.shape[1]
     ahead = np.zeros(problem.size)
     ahead[first : first + problem.lines] = state.shared[first : first + problem.lines]
@@ -260,8 +264,9 @@ def _descended(
     """Iterates until all steps are a small part of a standard deviation; returns the result and whether it
     converged.
 
-    A step along which the objective rises, by its slopes at both ends, is taken in part. Once one was, or led to a
-    longer one, the trust in frames and ends is kept: where it jumps to and fro, steps become no shorter.
+    A step along which the objective rises, by its slopes at both ends, is shortened. From the first step on that was,
+    or that led to a longer one, the weights of frames and ends stay fixed, because weights that alternate would keep
+    the steps from becoming shorter.
     """
     first = _linearised(problem, state, weight, prior, trust)
     if first is None:

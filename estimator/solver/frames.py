@@ -42,8 +42,8 @@ class Frames(Rows):
     tip_camera: np.ndarray
 
     def with_available(self, sensors: np.ndarray | float, ends: np.ndarray | float) -> Frames:
-        """The frames with the readings weighted by a number, or (B, S) as `RigArrays.sensors`, and the antenna's end
-        by one, or (B,)."""
+        """The frames with other weights of the readings, a number or (B, S) in the order of `RigArrays.sensors`, and of
+        the antenna's end, a number or (B,)."""
         available, slots = self.available.copy(), self.rig_arrays.sensors
         available[:, slots] = sensors
         available[:, core.solver.END] = ends

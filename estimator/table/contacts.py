@@ -248,8 +248,8 @@ class ContactRow(_Columns[int, float, bool, str]):
         )
 
     def estimate(self, kinematics: Kinematics) -> Contact:
-        """The contact of this row; a table has no standard deviation of the force along x, and old ones not the
-        force."""
+        """The contact of this row. The standard deviation of the force along x is NaN, as no table has it; of an old
+        table, which has no force in the world, that force itself is 0."""
         along = kinematics.T_world_antenna(self.pan_rad, self.tilt_rad).rotation[:, 0] @ self.force_world_N
         return Contact(
             reason=self.reason,

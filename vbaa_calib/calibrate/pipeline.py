@@ -202,7 +202,7 @@ def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | Non
     Raises
     ------
     InputError : whatever is wrong with the session, and estimates of plane C that contradict each other.
-    SolveError : a solver that did not arrive, with the likely cause; an InputError where a typed row is that.
+    SolveError : a solver that did not converge, with the likely cause; InputError where the cause is a typed row.
     """
     if len(session.cameras) > 1:
         return _every_camera(session, lens_model, given)

@@ -26,7 +26,7 @@ def in_threads(work: Callable[[int, int], None], count: int, jobs: int) -> None:
 
 @lru_cache
 def _pool(jobs: int) -> ThreadPoolExecutor:
-    """Threads that stay: to start them takes longer than to fit some frames."""
+    """A pool of `jobs` threads, kept from call to call: to start one takes longer than to fit some frames."""
     return ThreadPoolExecutor(jobs)
 
 

@@ -214,8 +214,8 @@ Channels = dict[str, MomentReadings]
 
 
 def _better(channels: Channels, changed: Mapping[str, tuple[MomentReadings, float, float]]) -> float:
-    """Log odds of changed readings of some channels, with their gains and these' standard deviations, over the
-    reported ones."""
+    """Log odds of changed readings over the reported ones. changed : by channel the readings, and the mean and standard
+    deviation of their gain."""
     now = sum(one.log_likelihood(gain, std)[0] for one, gain, std in changed.values())
     return now - sum(channels[name].reported for name in changed)
 

@@ -424,9 +424,9 @@ def friction(
 ) -> Friction:
     """Estimate the object's μ, the force directions relative to the normals, and normals corrected by the force.
 
-    Surface and track are of the same table. `shared` is what the frames' errors have in common, `CommonErrors.none`
-    without a rig, which counts every error as common and as the frame's own; `friction_rad` the standard deviation of
-    the friction angle that the contacts were estimated with. The rig is for ν.
+    surface, track : of this table. shared : the errors that the frames have in common; without a rig
+    `CommonErrors.none`, where each error counts as the frame's own and, to be safe, as common as well. friction_rad :
+    the standard deviation of the friction angle that the contacts were estimated with. rig : for ν.
     """
     rubs, axes, found = _friction_touches(table, surface, track, shared, friction_rad)
     rubs, mu = _fitted(rubs)

@@ -522,8 +522,11 @@ def _equations(found: SurfaceFit, index: int, reach: _Reach, seen: _Offered, m: 
 
 
 def _seen(solution: ShapeSolution, index: int, new: ShapeEquations) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """M new equations added to those solved: (K, M) their covariance whitened by the old ones; their covariance (M,
-    M) without the compliance's; their sensitivity (M,) to the compliance beyond what the old ones predict, N."""
+    """What M new equations of a patch add to the K solved ones.
+
+    Returns their covariance (K, M) with the solved ones, whitened by those; their own covariance (M, M) conditional on
+    those and the compliance; and their sensitivity (M,) to the compliance, N, less what the solved ones predict of it.
+    """
     prior = solution.priors[index]
     modes = np.concatenate([each.modes for each in solution.equations])
     old = new.modes @ modes.T + solution.seen_by(index, new.rows)

@@ -229,7 +229,7 @@ class _HandEyeSolution:
 
     @cached_property
     def freedom(self) -> float:
-        """degrees of freedom of the covariance, finite because the robot's variance is estimated from these few
+        """Degrees of freedom of the covariance, finite because the robot's variance is estimated from these few
         views."""
         own, variance = self.covariance_for(self.std), 0.0
         for which, log_std in zip(np.eye(3), self.log_std, strict=True):

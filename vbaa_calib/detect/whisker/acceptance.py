@@ -72,10 +72,7 @@ def accepted(line: Centreline, evidence: Evidence) -> Centreline:
 
 
 def best_of(lines: Sequence[Centreline], width_px: float, alike: float = OTHER_LINE_SEEN) -> Centreline:
-    """One centreline from those along the best path and along the others, best first.
-
-    It is ambiguous where of another so much is seen, over what is seen of the first.
-    """
+    """The likeliest of several centrelines; ambiguous if another one is more than `alike` times as likely."""
     ranked = sorted(lines, key=lambda line: (not line.found, -line.likely))
     best = ranked[0]
     for other in ranked[1:]:

@@ -201,10 +201,10 @@ def of_antennas_shape(line: Centreline, where: Corridor, changing: bool) -> Cent
     """The centreline, rejected where no antenna can have its shape.
 
     On a calibrated rig a line must be the free antenna bent by a force: a cable bends elsewhere than at the clamp, and
-    a line that goes over to an object's edge has a kink. One that may be of either polarity (`changing`) fits more
-    things: where little of it is seen it must leave the clamp as the antenna does, too, and fit well; where little is
-    surely a line, not an edge, it must fit better than others; along a shape that is
-    likely enough little need be seen. On a rig that is not calibrated all must leave the clamp so.
+    a line that goes over to an object's edge has a kink. A line of either polarity (`changing`) is more easily
+    something else: unless much of it is seen, or its shape is likely, it must also leave the clamp as the antenna does
+    and fit better than usual; unless much of it is surely a line, not an edge, it must fit better, too. On a rig that
+    is not calibrated every line must leave the clamp as the antenna does.
     """
     little = changing and line.seen < MUCH_SEEN and not line.odds >= SearchSettings.likely_odds
     line = _reject_beside_clamp(line, where, changing) if little or where.shape_px is None else line
