@@ -78,9 +78,9 @@ class SurfaceFit:
         """Points (V, 3) of a curve over places (V,), world, and covariances (V, 2, 2) across it in its frame."""
         patch = self.patches[index]
         rows = patch.value_rows(over_m[:, None])
-        across = self.solution.mean(index, rows).reshape(2, -1)
-        points = patch.center_m + np.column_stack([over_m, *across]) @ patch.frame
-        return points, self.solution.joint_in_place(index, rows)
+        across, covariance = self.solution.in_place(index, rows)
+        points = patch.center_m + np.column_stack([over_m, *across.reshape(2, -1)]) @ patch.frame
+        return points, covariance
 
 
 def deviations_along(side: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -116,9 +116,10 @@ def fit(
     state: _FitState,
     yielding: bool,
 ) -> SurfaceFit:
-    """Alternates from a state until convergence. yielding : whether with a compliance."""
+    """Alternates from a state until the compliance converges or clearly does not. yielding : whether with one."""
     if not yielding:
         state = replace(state, compliance_m_N=0.0)
+    least, unchanged = np.inf, 0  # step of the compliance; rounds with the same touches
     for turn in range(SurfaceSettings.most_rounds):
         points, seen = _surface_points(touches, antenna_radius_m, patches, state)
         equations, priors = [], []
@@ -131,7 +132,7 @@ def fit(
             priors.append(prior)
             equations.append(stated)
         solution = solve(tuple(equations), tuple(priors), yielding)
-        normals = _estimate_normals(touches, patches, solution, seen)
+        normals, slope = _estimate_normals(touches, patches, solution, seen)
         before = widened = state.widened
         if 0 < turn < SurfaceSettings.most_rounds - 1:  # those that do not belong
             far, residual = np.zeros(len(before)), np.abs(solution.leave_one_out_residuals)
@@ -142,24 +143,25 @@ def fit(
             few = wrong.any() and np.sum(wrong) <= SurfaceSettings.most_outliers * len(far)
             widened = np.where(wrong, SurfaceSettings.ignored, before) if few else before
         state = replace(
-            _next_shape(patches, seen, solution, state),
+            _next_shape(patches, seen, solution, slope, state),
             normal=normals.best(touches),
             priors=tuple(priors),
             widened=widened,
         )
-        same = (before == state.widened).all()  # what is left out now was left out of the solution
-        if (
-            turn >= SurfaceSettings.fewest_rounds - 1
-            and same
-            and abs(solution.compliance_m_N) <= SurfaceSettings.converged_std * np.sqrt(solution.variance)
-        ):
-            break
+        # what is left out now was left out of the solution
+        unchanged = unchanged + 1 if (before == state.widened).all() else 0
+        step, std = abs(solution.compliance_m_N), np.sqrt(solution.variance)
+        if turn >= SurfaceSettings.fewest_rounds - 1:
+            grows = step > max(SurfaceSettings.growing * least, SurfaceSettings.not_converged_std * std)
+            if (unchanged and step <= SurfaceSettings.converged_std * std) or (unchanged > 1 and grows):
+                break
+            least = min(least, step)
     return SurfaceFit(touches, patches, solution, state, points, seen, normals)
 
 
 def with_common_errors(found: SurfaceFit) -> Normals:
     """The fit with normals that include the part of their errors that the touches share."""
-    return _estimate_normals(found.touches, found.patches, found.solution, found.seen, common=True)
+    return _estimate_normals(found.touches, found.patches, found.solution, found.seen, common=True)[0]
 
 
 def _surface_points(
@@ -197,26 +199,29 @@ def _surface_points(
 
 
 def _next_shape(
-    patches: tuple[Patch, ...], seen: list[LocalTouches], solution: ShapeSolution, state: _FitState
+    patches: tuple[Patch, ...],
+    seen: list[LocalTouches],
+    solution: ShapeSolution,
+    slope: np.ndarray,
+    state: _FitState,
 ) -> _FitState:
-    """Slopes, curvatures and compliance from a solution."""
-    slope, bend = state.slope.copy(), state.bend_per_m.copy()
+    """Slopes, bounded, curvatures and compliance from a solution and its slopes (P, 2) at the touches."""
+    bend = state.bend_per_m.copy()
     for index, (patch, local) in enumerate(zip(patches, seen, strict=True)):
         m, x = patch.members, local.point_m[:, : patch.dimensions]
-        at = solution.mean(index, patch.slope_rows(x)).reshape(2, len(m)).T
-        slope[m] = np.clip(at, -SurfaceSettings.steepest, SurfaceSettings.steepest)
         step = 0.05 * solution.priors[index].length_m
         for axis in range(patch.dimensions):
             shifted = solution.mean(index, patch.slope_rows(x + step * np.eye(patch.dimensions)[axis]))
             bend[m, :, axis] = np.clip(
-                (shifted.reshape(2, len(m)).T - at) / step,
+                (shifted.reshape(2, len(m)).T - slope[m]) / step,
                 -1 / SurfaceSettings.sharpest_m,
                 1 / SurfaceSettings.sharpest_m,
             )
         if patch.wide:
             bend[m] = (bend[m] + np.swapaxes(bend[m], 1, 2)) / 2
     compliance = state.compliance_m_N + solution.compliance_m_N
-    return replace(state, slope=slope, bend_per_m=bend, compliance_m_N=compliance)
+    bounded = np.clip(slope, -SurfaceSettings.steepest, SurfaceSettings.steepest)
+    return replace(state, slope=bounded, bend_per_m=bend, compliance_m_N=compliance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,10 +253,12 @@ def _estimate_normals(
     seen: list[LocalTouches],
     *,
     common: bool = False,
-) -> Normals:
-    """The normals. common : whether with the part of their errors that the touches share."""
+) -> tuple[Normals, np.ndarray]:
+    """The normals, and the slopes (P, 2) of the shape there, as `Patch.slope_rows`. common : whether with the part of
+    the normals' errors that the touches share."""
     count = len(touches)
     normal, own, by_slope = np.empty((count, 3)), np.empty((count, 3, 3)), np.zeros((count, 3, 2))
+    slopes = np.empty((count, 2))
     views, in_place = [], np.empty((count, 2, 2))
     for index, (patch, local_touches) in enumerate(zip(patches, seen, strict=True)):
         m, size, frame = patch.members, len(patch.members), patch.frame
@@ -262,14 +269,16 @@ def _estimate_normals(
         local = replace(local_touches, own_m2=own_m2)
         rows = patch.slope_rows(local.point_m[:, : patch.dimensions])
         views.append((index, rows))
-        slope = solution.mean(index, rows).reshape(2, size).T
+        if common:
+            slope = solution.mean(index, rows)
+        else:
+            slope, in_place[m] = solution.in_place(index, rows)
+        slopes[m] = slope = slope.reshape(2, size).T
         if patch.wide:
             found, turns, left = _of_field(local, slope, solution.priors[index].slack_rad)
         else:
             found, turns, left = _of_curve(local, slope, touches.force_N[m] @ frame.T)
         normal[m], by_slope[m], own[m] = found @ frame, frame.T[None] @ turns, frame.T @ left @ frame
-        if not common:
-            in_place[m] = solution.joint_in_place(index, rows)
     if common:
         sizes = [len(patch.members) for patch in patches]
         starts = np.cumsum([0, *(2 * size for size in sizes)])
@@ -291,7 +300,7 @@ def _estimate_normals(
         turned = np.einsum("pia,paqb,qjb->piqj", by_slope, ordered, by_slope, optimize=True)
         variance, axes = _largest(turned.reshape(size, size), kept)
         modes = (axes * np.sqrt(np.maximum(variance, 0.0))).reshape(count, 3, kept)
-    return Normals(normal, covariance, modes)
+    return Normals(normal, covariance, modes), slopes
 
 
 def _largest(covariance: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:

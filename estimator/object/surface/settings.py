@@ -34,6 +34,7 @@ class SurfaceSettings:
     most_rounds: int = 15  # after which it ends
     not_converged_std: float = 0.1  # step of the compliance after all rounds that is too large
     converged_std: float = 1e-3  # step at which it ends
+    growing: float = 2.0  # step over the least before it, from which it will not converge
     outlier_std: float = 5.0  # a touch farther off what the others predict is left out,
     most_outliers: float = 0.1  # up to this part of all: else the covariances are at fault
     vague_m: float = 1e-3  # a touch known worse than this along the surface,

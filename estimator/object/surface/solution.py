@@ -147,8 +147,9 @@ class ShapeSolution:
         lifted = seen @ self.lift
         return prior - half.T @ half + self.variance * np.outer(lifted, lifted)
 
-    def joint_in_place(self, patch: int, rows: Functionals) -> np.ndarray:
-        """(N, 2, 2) posterior covariances of the first N functionals of a patch with the last N, at the same places."""
+    def in_place(self, patch: int, rows: Functionals) -> tuple[np.ndarray, np.ndarray]:
+        """(2N,) posterior means of functionals of a patch; (N, 2, 2) covariances of the first N with the last N, at the
+        same places."""
         seen, count, prior = self.seen_by(patch, rows), len(rows) // 2, self.priors[patch]
         half = solve_triangular(self.lower, seen.T, lower=True, check_finite=False)
         lifted, sides = seen @ self.lift, [slice(0, count), slice(count, None)]
@@ -157,7 +158,7 @@ class ShapeSolution:
             of, to = sides[a], sides[b]
             left = variance(rows.picked(of), prior, rows.picked(to)) - np.einsum("mn,mn->n", half[:, of], half[:, to])
             found[:, a, b] = found[:, b, a] = left + self.variance * lifted[of] * lifted[to]
-        return found
+        return seen @ self.weights, found
 
     @property
     def leave_one_out_residuals(self) -> np.ndarray:
