@@ -273,7 +273,7 @@ def _outcome(solve: Callable[[Draw], Camera | LensSolution], given: Draw) -> Out
     if isinstance(solution, Camera):
         return Outcome(solution, seconds)
     kept = screening(kept_corners(solution, given), given)
-    return Outcome(solution.camera, seconds, *kept, model=solution.model, trusted=solution.verdict.trusted)
+    return Outcome(solution.camera, seconds, *kept, model=solution.model, trusted=solution.trusted)
 
 
 def screening(kept: Sequence[np.ndarray], given: Draw) -> tuple[float, float, float]:

@@ -113,7 +113,7 @@ def of_lens(lens: LensSolution) -> Report:
         "views": views,
         "dropped": sorted([view.name, view.reason] for view in lens.dropped),
         "monotonic": lens.monotonic,
-        "verdict": lens.verdict,
+        "verdict": lens.verdict_dict(),
         "models that halves agree on": [row.model for row in lens.comparison if row.split_half_agrees],
     }
     return report

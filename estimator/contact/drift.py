@@ -12,6 +12,7 @@ from estimator.solver.frames import Frames
 from estimator.solver.linearised import FreeAntennas, free_antennas
 from estimator.solver.rig_arrays import LINE_ERRORS, RigArrays
 from vbaa_calib.camera.lens import lens_of
+from vbaa_calib.core.arrays import spread_evenly
 from vbaa_calib.core.robust import chi_square, finite_or_none
 from vbaa_calib.detect.whisker.antenna import free_curve
 from vbaa_calib.rig import RIG_PARAMETERS, Rig
@@ -115,7 +116,7 @@ class LearntRig:
         rows = np.flatnonzero((yield from self._free(batch)))
         if len(rows) == 0:
             return replace(self, searched=self.searched + len(batch))
-        rows = rows[np.unique(np.linspace(0, len(rows) - 1, DriftSettings.frames_at_once).astype(int))]
+        rows = rows[spread_evenly(len(rows), DriftSettings.frames_at_once)]
         free, now, own, count = batch.picked(rows), self.now, self.line_sum_px2, self.line_frames
         if now.drift.line_px > 0.0:
             # with a prior that is wide, or it would say how large they are

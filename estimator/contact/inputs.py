@@ -15,7 +15,7 @@ from estimator.solver.numbers import FitNumbers
 from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import Measured
 from vbaa_calib.camera.from_plane import pixels_on_plane
-from vbaa_calib.core.arrays import ANGLE_REMEDY, MOMENT_REMEDY, PLAUSIBLE, Rows, as_floats, check_each
+from vbaa_calib.core.arrays import ANGLE_REMEDY, MOMENT_REMEDY, PLAUSIBLE, Rows, as_floats, check_each, spread_evenly
 from vbaa_calib.core.errors import InputError, quoted
 from vbaa_calib.core.polyline import offsets_from, resample
 from vbaa_calib.core.robust import mad_std
@@ -332,7 +332,7 @@ def point_scatter(
     lines_px : (N, 2) of each frame, in any order. sigma_px : (N,) of each. Where neighbours share errors, the mean of
     many is less exact than that of as many independent ones: the factor counts that in.
     """
-    chosen = np.unique(np.linspace(0, max(len(lines_px) - 1, 0), settings.scatter_frames).astype(int))[: len(lines_px)]
+    chosen = spread_evenly(len(lines_px), settings.scatter_frames)
     found = [_about_curve(lines_px[row], sigma_px[row], settings) for row in chosen]
     lines = [each for each in found if each is not None]
     scatter = float(np.median([mad_std(off) for off, _ in lines])) if lines else np.nan

@@ -20,6 +20,7 @@ import numpy as np
 from estimator.solver.linearised import free_antennas
 from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import FRICTION_RAD, LOCATED, Contact, Measured
+from vbaa_calib.core.arrays import spread_evenly
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
 from vbaa_calib.session import Frame
@@ -319,7 +320,7 @@ def _with_bow(
     wide, first = float(track.rig.std("bow_about_z_per_m")), len(POSE_PARAMETERS)
     if not wide > 0.0:
         return track
-    chosen = usable[np.unique(np.linspace(0, len(usable) - 1, settings.free_frames).astype(int))]
+    chosen = usable[spread_evenly(len(usable), settings.free_frames)]
     measured = list(measured_lines(track.rig, [frames[int(row)] for row in chosen], lines))
     axes = np.zeros((len(track.rig.covariance), 5))
     axes[range(first, first + 4), range(4)], axes[_bow(), 4] = std, wide

@@ -15,6 +15,7 @@ from typing import Any, TypeAlias, cast
 import numpy as np
 
 from estimator.table.contacts import Contact, Measured
+from vbaa_calib.core.arrays import spread_evenly
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.core.polyline import arc_lengths
@@ -430,7 +431,7 @@ def _scatter(rig: Rig, frames: Sequence[Frame], lines: Mapping[int, np.ndarray])
     """Scatter, px, of points without a standard deviation; and the ratio of the others' scatter to their stated
     standard deviations, 1 where these are about right."""
     settings = OutlierSettings()
-    chosen = np.unique(np.linspace(0, max(len(frames) - 1, 0), settings.scatter_frames).astype(int))[: len(frames)]
+    chosen = spread_evenly(len(frames), settings.scatter_frames)
     some = [lines.get(frames[row].frame, np.empty((0, 3))) for row in chosen]
     some = [each[~outside(each[:, :2], rig.camera.image_size)] for each in some]
     stated = [each for each in some if np.isfinite(each[:, 2]).all()]

@@ -14,6 +14,7 @@ import numpy as np
 from estimator.contact.inputs import Batch, OutlierSettings, point_scatter, shared_share
 from estimator.contact.settings import ContactSettings
 from estimator.table.contacts import Contact, Measured
+from vbaa_calib.core.arrays import spread_evenly
 from vbaa_calib.core.errors import Diagnosis, Verdict
 from vbaa_calib.diagnose.decision import explained, joined
 from vbaa_calib.rig import Rig
@@ -150,8 +151,8 @@ class RecordingWatch:
 
     def recorded(self) -> Recorded:
         """The frames kept as witnesses."""
-        chosen = np.unique(np.linspace(0, len(self._spread) - 1, self.settings.spread).astype(int))
-        kept = [*self._first, *(self._spread[index] for index in chosen if self._spread)]
+        chosen = spread_evenly(len(self._spread), self.settings.spread)
+        kept = [*self._first, *(self._spread[index] for index in chosen)]
         batch = Batch.of(self.rig, [measured for _, measured, _ in kept])
         around, order = np.array([around for *_, around in kept]), np.array([number for number, *_ in kept])
         drift = self.rig.drift

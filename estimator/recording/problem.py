@@ -18,7 +18,7 @@ from estimator.solver.linearised import LinearisedFrames, free_antennas, lineari
 from estimator.solver.rig_arrays import LINE_ERRORS, UNKNOWNS, RigArrays
 from vbaa_calib.antenna.rungs import REFERENCE
 from vbaa_calib.antenna.shape import CONTACT
-from vbaa_calib.core.arrays import Rows
+from vbaa_calib.core.arrays import Rows, spread_evenly
 from vbaa_calib.core.robust import huber_weights
 from vbaa_calib.native import core
 from vbaa_calib.rig import Rig
@@ -69,11 +69,6 @@ class FrictionPrior(Rows):
 
     mean_rad: np.ndarray  # (B,)
     std_rad: np.ndarray  # (B,)
-
-
-def spread_evenly(count: int, most: int) -> np.ndarray:
-    """Evenly spaced indices, at most `most` of `count`."""
-    return np.unique(np.linspace(0, max(count - 1, 0), min(count, most)).astype(int))
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,10 +7,11 @@ from functools import cached_property
 
 import numpy as np
 
+from vbaa_calib.core.arrays import spread_evenly
 from vbaa_calib.core.least_squares import MIN_INFORMATION, Rules, disagreement, disagreement_p, levenberg_marquardt
 from vbaa_calib.native import core
 
-from .problem import Equations, RecordingProblem, State, spread_evenly
+from .problem import Equations, RecordingProblem, State
 from .settings import RefineSettings
 
 _RULES = Rules(

@@ -93,7 +93,7 @@ def test_an_assumed_lens_is_as_uncertain_as_it_says(bare: Path, tmp_path: Path, 
         off = independent_axes(assumed.covariance) @ rng.normal(size=len(assumed.parameters))
         file.write_text(FORMATS["ros"].write(Exchanged(replace(assumed.moved(off), covariance=None))))
         lens = given_solution(read_lens(file), [], session.board, [("plane", view) for view in views["jig"]])
-        assert [one.name for one in lens.verdict.diagnoses] == ["lens_uncertainty_assumed"]
+        assert [one.name for one in lens.verdict.findings] == ["lens_uncertainty_assumed"]
         plane = find_plane(session, lens.camera, lens.board_shape, **views)
         before = prior_of_session(session, lens, plane)
         observations = observations or observe_stills(session, plane.kinematics, before)
@@ -128,10 +128,10 @@ def test_pictures_that_contradict_a_known_lens_are_heard() -> None:
     ]
     off = np.random.default_rng(0).normal(size=8) * [1, 1, 1, 1, 1e-3, 3e-3, 1e-4, 1e-4]
     right = given_solution(known(INTRINSICS + off, 1.0), pictures(40, np.ones(14)), SPEC)
-    assert "given_lens_contradicted" not in {one.name for one in right.verdict.diagnoses}
+    assert "given_lens_contradicted" not in {one.name for one in right.verdict.findings}
     for seed, (intrinsics, grade) in enumerate(wrong):
-        found = given_solution(known(intrinsics, 0.5), pictures(41 + seed, np.ones(10)), SPEC).verdict
-        assert "given_lens_contradicted" in {one.name for one in found.diagnoses}
+        found = given_solution(known(intrinsics, 0.5), pictures(41 + seed, np.ones(10)), SPEC)
+        assert "given_lens_contradicted" in {one.name for one in found.verdict.findings}
         assert found.grade == grade
 
 
@@ -148,7 +148,7 @@ def test_rectified_pictures_are_told_by_straight_lines(rectified: bool, both: bo
     for seed, (truth, straight) in enumerate(((raw, False), (np.append(onto, np.zeros(4)), True), (half, None))):
         views = pictures(60 + seed, np.ones(8), intrinsics=truth)
         for several, placed in ((views, []), ([], [("plane", view) for view in views])):
-            found = {one.name: one for one in given_solution(given, several, SPEC, placed).verdict.diagnoses}
+            found = {one.name: one for one in given_solution(given, several, SPEC, placed).verdict.findings}
             wrong = straight is not None and straight != rectified and (both or not rectified)
             assert (names[rectified] in found) == wrong
             assert wrong <= ("given_lens_contradicted" not in found)
@@ -163,4 +163,4 @@ def test_the_board_in_the_jig_contradicts_the_lens_of_another_camera(bare: Path)
         matrix = true.matrix * np.array([[factor, 1, 1], [1, factor, 1], [1, 1, 1]])
         camera = replace(true, matrix=matrix, covariance=np.diag(np.array([1, 1, 1, 1, 1e-3, 3e-3, 1e-4, 1e-4]) ** 2))
         found = given_solution(GivenLens(camera, Path("c.json"), "", (), ""), [], session.board, placed).verdict
-        assert ("given_lens_contradicted" in {one.name for one in found.diagnoses}) == wrong
+        assert ("given_lens_contradicted" in {one.name for one in found.findings}) == wrong

@@ -124,7 +124,7 @@ def test_views_without_tilt_are_not_answered_with_confidence() -> None:
     poses = [pose_towards(rng, 0.25, 0.06) for _ in range(8)]
     views = views_of(LENS_MODELS["none"], LENSES["none"], SIZE, poses, rng, 0.15)
     solution = solve_intrinsics(views, SPEC, "none")
-    assert "focal_vague" in {one.name for one in solution.verdict.diagnoses}
+    assert "focal_vague" in {one.name for one in solution.verdict.findings}
     frontal = views_of(LENS_MODELS["none"], LENSES["none"], SIZE, [pose_towards(rng, 0.25, 0.0)] * 8, rng)
     with pytest.raises(InputError, match="leave the none lens open"):
         solve_intrinsics(frontal, SPEC, "none")

@@ -184,7 +184,7 @@ def test_corners_of_others_give_the_lens_their_outliers_and_the_boards_shape() -
     true_m = RIG_LENS.board_points_m
     assert np.abs(solution.board_points - true_m).max() < 0.3 * np.abs(POINTS_LENS - true_m).max()
     assert solution.camera.covariance is not None
-    assert solution.trusted == (solution.verdict.grade == "trusted")
+    assert solution.trusted == (solution.grade == "trusted")
 
 
 SEEN = ([0, 1, 2, 3, 10, 11, 12, 13], np.arange(16.0).reshape(8, 2) ** 1.5)

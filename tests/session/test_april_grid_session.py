@@ -75,7 +75,7 @@ def test_a_gap_that_is_another_is_named_with_its_size(off: float) -> None:
     """Of a tag; a hundredth is not seen by the search for the board, but by what the corners leave."""
     described = dataclasses.replace(BOARD, spacing=BOARD.spacing + off)
     views = detect_folder(made_once("april_grid", _simulated) / "session" / "intrinsics", described)
-    found = [one for one in solve_lens(views, described).verdict.diagnoses if one.name == "tag_spacing"]
+    found = [one for one in solve_lens(views, described).verdict.findings if one.name == "tag_spacing"]
     assert [one.severity for one in found] == ([] if not off else ["doubt" if abs(off) < 0.005 else "wrong"])
     for one in found:
         measured, std = (float(number) for number in re.findall(r"0\.\d+", one.words)[:2])

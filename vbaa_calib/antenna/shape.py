@@ -30,7 +30,7 @@ CONTACT: int = core.antenna.NODES_TO_CONTACT - 1
 """The contact's node of a shape (`nodes.hpp` of the core)."""
 
 
-def aligned_arclength(contact_m: np.ndarray, length_m: float) -> np.ndarray:
+def _aligned_arclength(contact_m: np.ndarray, length_m: float) -> np.ndarray:
     """(B, N) arc lengths of nodes from clamp to tip, one of them at the contact, where the shape's curvature has a
     kink."""
     contact = contact_m[:, None]
@@ -112,4 +112,4 @@ def bend(
 def curves_of(contact_m: np.ndarray, length_m: float, bent: tuple[np.ndarray, ...]) -> Curves:
     """Curves with contacts (B,) from the arrays that the core returns."""
     contact = np.minimum(contact_m, (1.0 - core.antenna.NEAREST_TO_TIP) * length_m)
-    return Curves(aligned_arclength(contact, length_m), *bent)
+    return Curves(_aligned_arclength(contact, length_m), *bent)

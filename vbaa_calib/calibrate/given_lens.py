@@ -28,7 +28,6 @@ from .lens.intrinsics import LensSolution
 from .lens.models import LENS_MODELS, DistortionModel, is_monotonic
 from .lens.settings import LensSettings
 from .lens.uncertainty import compensate, is_covered, pixel_grid, projection_jacobian
-from .lens.verdict import LensVerdict
 from .lens_from_views import solve_lens
 
 _CONTRADICTED = "given_lens_contradicted"  # name of the diagnosis
@@ -179,8 +178,7 @@ def given_solution(
     if not misread and not any(one.name == _CONTRADICTED for one in found):
         words, remedy = f"{given.path.name} is contradicted by", "take the file of this lens as it is focused now"
         found += focus_changed(given.camera, placed, shape, Diagnosis(_CONTRADICTED, words, remedy))
-    verdict = LensVerdict((), tuple(reasons)).with_diagnoses(found)
-    return LensSolution(given.camera, _model_of(given.camera).name, shape, verdict)
+    return LensSolution(given.camera, _model_of(given.camera).name, shape).with_diagnoses(found, reasons)
 
 
 def focus_changed(

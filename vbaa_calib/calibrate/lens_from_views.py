@@ -60,14 +60,12 @@ def solve_lens(
     diagnoses = view_set_diagnoses(views, solution, spec)
     if found is not None and found.name not in {one.name for one in diagnoses}:
         diagnoses.append(found)
-    verdict = solution.verdict.with_diagnoses(diagnoses)
     if not left_out:
-        return replace(solution, verdict=verdict)
+        return solution.with_diagnoses(diagnoses)
     words = "; ".join(f"{one.name} was left out: {one.reason}" for one in left_out)
     names, outliers = {one.name for one in left_out}, iter(solution.outliers)
     return replace(
-        solution,
-        verdict=replace(verdict, reasons=(*verdict.reasons, f"{words}.")),
+        solution.with_diagnoses(diagnoses, [f"{words}."]),
         outliers=tuple(view.ids if view.name in names else next(outliers) for view in views),
         dropped=tuple(sorted((*solution.dropped, *left_out), key=lambda one: one.name)),
     )
@@ -112,7 +110,7 @@ def _bending_view(
     views: Sequence[BoardView], solution: LensSolution, spec: Board | BoardPoints, rules: LensSettings
 ) -> DroppedView | None:
     """The single view, among a few contradicting ones, without which the others agree far better; None otherwise."""
-    scattered = any(one.name == "views_scatter" for one in solution.verdict.diagnoses)
+    scattered = any(one.name == "views_scatter" for one in solution.verdict.findings)
     if not scattered or len(solution.views) > rules.solved_without:
         return None
     names, square = [view.name for view in solution.views], bool(np.ptp(solution.camera.parameters[:2]) == 0.0)

@@ -110,9 +110,8 @@ def next_lenses(
         )
         remedy = "add views of the board over the whole picture, or choose another --lens-model"
         passed_over = Diagnosis("lens_passed_over", words, remedy)
-        reasons = (f"The lens model {model} is the next by expected error.", *again.verdict.reasons[1:])
-        verdict = replace(again.verdict, reasons=reasons).with_diagnoses([passed_over])
-        yield replace(again, comparison=lens.comparison, verdict=verdict)
+        reasons = (f"The lens model {model} is the next by expected error.", *again.reasons[1:])
+        yield replace(again, comparison=lens.comparison, reasons=reasons).with_diagnoses([passed_over])
 
 
 def first_solved(
@@ -225,7 +224,7 @@ def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | Non
         lens = solve_lens(lens_views, session.board, lens_model)
         words, remedy = "the lens of intrinsics/ is not that of", "take all pictures at one focus and zoom"
         refocused = focus_changed(lens.camera, placed, lens.board_shape, Diagnosis("refocused", words, remedy))
-        lens = replace(lens, verdict=lens.verdict.with_diagnoses(one for one in refocused if one.grave))
+        lens = lens.with_diagnoses(one for one in refocused if one.grave)
     else:
         lens = given_solution(given, lens_views, session.board, placed)
     begun: list[tuple[PlaneC, Sequence[Observation], Prior]] = []

@@ -30,7 +30,7 @@ def report(calibration: Calibration) -> None:
         say(f"{name:10s} lens {lens_of.model}: rms {lens_of.rms_px:.3f} px; {where}")
     ways = " + ".join(estimate.way for estimate in calibration.plane.estimates)
     rms = "" if calibration.given else f": rms {lens.rms_px:.3f} px"
-    say(f"lens       {lens.model}{rms}. {lens.verdict.words}")
+    say(f"lens       {lens.model}{rms}. {lens.words}")
     say(f"plane C    {words['plane C']} (by {ways})")
     for difference in calibration.plane.differences:
         say(f"           {difference}")
@@ -49,7 +49,7 @@ def summary(calibration: Calibration) -> dict[str, Any]:
         "plane_second_solution_ratio": None if jig is None else jig.second_ratio,
         "noise_scale": joint.noise_scale,
         "scatter": joint.scatter,
-        "lens_grade": calibration.lens.verdict.grade,
+        "lens_grade": calibration.lens.grade,
         "worst_still_rms": float(joint.point_rms.max()),
         "moment_residual_rms_Nm": finite_or_none(np.sqrt((joint.moment_residuals_Nm**2).mean())),
         "warnings": [str(one) for one in calibration.rig.verdict.findings],
@@ -122,7 +122,7 @@ def camera_document(solution: LensSolution, spec: Board) -> dict[str, Any]:
         "std": dict(zip(solution.camera.parameter_names, covariance.diagonal().clip(0.0) ** 0.5, strict=True)),
         "lens_model": solution.model,
         "monotonic": solution.monotonic,
-        **solution.verdict.to_dict(),
+        **solution.verdict_dict(),
         "rms_px": finite_or_none(solution.rms_px),
         "rms_inliers_px": finite_or_none(solution.rms_inliers_px),
         "projection_uncertainty": {

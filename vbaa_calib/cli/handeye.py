@@ -148,9 +148,9 @@ def _from_corners(
     with about(f"{args.views} by {args.poses}"):
         solution = solve_hand_eye(views, robot_poses, lens.board_shape.points_m, lens.camera, args.mount, readings)
     document = solution.to_dict() | {"camera": lens.camera.to_dict(), "board": spec.to_dict()}
-    document["warnings"] += [f"the lens: {one}" for one in lens.verdict.diagnoses]
+    document["warnings"] += [f"the lens: {one}" for one in lens.verdict.findings]
     document["board_shape"] = lens.board_shape.to_dict()
-    return solution, document, lens.verdict.exit_code
+    return solution, document, lens.exit_code
 
 
 def _views(args: argparse.Namespace, spec: Board, lens: GivenLens | None) -> list[BoardView]:
@@ -203,7 +203,7 @@ def _lens(robot_poses: GivenLens | None, views: list[BoardView], spec: Board) ->
             require_size(view.image_size, robot_poses.camera, view.name)
         return given_solution(robot_poses, views, spec)
     solution = solve_lens(views, spec)
-    say(f"lens       {solution.model}: rms {solution.rms_px:.4f} px; {solution.verdict.words}")
+    say(f"lens       {solution.model}: rms {solution.rms_px:.4f} px; {solution.words}")
     return solution
 
 

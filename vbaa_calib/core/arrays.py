@@ -220,6 +220,11 @@ class Within:
         return handler.generate_schema(Annotated[(kind, *plain, Field(**self._bounds), *last)])
 
 
+def spread_evenly(count: int, most: int) -> np.ndarray:
+    """Evenly spaced indices, at most `most` of `count`, with the first and the last."""
+    return np.unique(np.linspace(0, max(count - 1, 0), min(count, most)).astype(int))
+
+
 _Call = TypeVar("_Call", bound=Callable[..., Any])
 _ARRAYS = {"np.ndarray", "ArrayT", "ArrayLike", "Array"}
 _PLAIN: dict[str, Any] = {"float": float, "int": (int, np.integer), "str": str, "bool": bool, "Mapping": Mapping}

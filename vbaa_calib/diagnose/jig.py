@@ -22,6 +22,7 @@ from vbaa_calib.calibrate.antenna.session_rig import ExpectedAntenna, nominal_pa
 from vbaa_calib.calibrate.pose.board_pose import BoardPose, jig_estimate
 from vbaa_calib.calibrate.pose.fusion import Difference, PoseEstimate
 from vbaa_calib.camera import Camera
+from vbaa_calib.core.arrays import spread_evenly
 from vbaa_calib.core.errors import Diagnosis, InputError, Severity, SolveError
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.core.least_squares import Linearised, Rules, minimise
@@ -387,7 +388,7 @@ def _cost_of_priors(solution: Linearised) -> float:
 def _some(lines: Sequence[Observation], count: int, loaded: bool) -> list[Observation]:
     """At most `count` of the lines with or without a load, evenly spaced."""
     alike = [one for one in lines if one.loaded == loaded]
-    return [alike[index] for index in np.unique(np.linspace(0, len(alike) - 1, min(count, len(alike))).astype(int))]
+    return [alike[index] for index in spread_evenly(len(alike), count)]
 
 
 def _flipped(image: np.ndarray, flips: tuple[bool, bool]) -> np.ndarray:

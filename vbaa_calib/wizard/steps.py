@@ -247,8 +247,8 @@ def _guidance(state: SessionState) -> ViewProgress:
 def _lens_progress(state: SessionState) -> Progress:
     views = state.views("lens")
     if state.given_lens is not None:
-        known = state.lens().verdict
-        return Progress((known.words,), next=_ENOUGH, enough=True, usable=True, diagnoses=known.diagnoses)
+        known = state.lens()
+        return Progress((known.words,), next=_ENOUGH, enough=True, usable=True, diagnoses=known.verdict.findings)
     seen = [f"{_counted(len(views), 'picture')}, {sum(len(view.ids) for view in views)} corners"]
     try:
         now = _guidance(state)
@@ -260,7 +260,7 @@ def _lens_progress(state: SessionState) -> Progress:
     if now.solution is not None:
         seen.append(f"lens {now.solution.model}, rms {now.solution.rms_px:.2f} px")
         seen += [f"{one.name} is left out: {one.reason}" for one in now.solution.dropped]
-    verdict = now.solution.verdict.diagnoses if now.solution is not None else ()
+    verdict = now.solution.verdict.findings if now.solution is not None else ()
     if len(views) < _LIMITS.least_views:
         missing = f"{_counted(_LIMITS.least_views - len(views), 'more picture')}, then there is a first lens"
     # a lens of few pictures agrees with them by its freedom

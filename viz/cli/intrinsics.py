@@ -157,7 +157,7 @@ def _solved(args: argparse.Namespace, images: Path, spec: Board) -> dict[str, An
     write_json(args.output, document, args.force, Camera.from_dict)
     _report(solution)
     say(f"wrote {args.output}")
-    result = {"output": str(args.output), **document, "exit_code": solution.verdict.exit_code}
+    result = {"output": str(args.output), **document, "exit_code": solution.exit_code}
     if args.html is not None:
         from viz.report.lens import page
 
@@ -196,6 +196,6 @@ def _report(solution: LensSolution) -> None:
     for dropped in solution.dropped:
         say(f"dropped    {dropped.name}: {dropped.reason}")
     say(f"board      {', '.join(solution.board_shape.findings) or 'flat and square'}")
-    for one in solution.verdict.diagnoses:
+    for one in solution.verdict.findings:
         say(f"{one.label:10s} {one}")
-    say(f"verdict    {solution.verdict.words}")
+    say(f"verdict    {solution.words}")

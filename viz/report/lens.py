@@ -33,7 +33,7 @@ def page(
     solution: LensSolution, views: Sequence[BoardView], spec: Board, document: Mapping[str, Any], folder: Path
 ) -> str:
     """The page as HTML. views : of all pictures of the `folder`. document : camera.json."""
-    camera, verdict = solution.camera, solution.verdict
+    camera = solution.camera
     rows = _residuals(solution, views)
     distance_m = float(np.median([one.T_camera_board.translation_m[2] for one in solution.views]))
     of_plane, of_projection = _maps(camera, distance_m)
@@ -53,9 +53,8 @@ def page(
     return render(
         "lens.html.j2",
         title=str(folder),
-        colour={"trusted": STYLE.teal, "look at": STYLE.amber, "do not use": STYLE.red}[verdict.grade],
-        headline=verdict.headline,
-        verdict=verdict,
+        colour={"trusted": STYLE.teal, "look at": STYLE.amber, "do not use": STYLE.red}[solution.grade],
+        headline=solution.headline,
         colours={True: STYLE.red, False: STYLE.amber},
         solution=solution,
         distance_m=distance_m,

@@ -29,7 +29,7 @@ from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from estimator.table.contacts import ContactTable, joint_angles
 from vbaa_calib.antenna.rungs import REFERENCE
 from vbaa_calib.antenna.shape import CONTACT, Curves
-from vbaa_calib.core.arrays import Rows, gate
+from vbaa_calib.core.arrays import Rows, gate, spread_evenly
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
@@ -181,8 +181,7 @@ def _reachable(
 ) -> _Reach:
     """Feasible touches near those already made, rows (P,) at joint angles (P, 2), pressed straight onto the known
     surface: all the way from the first contact lies on places that `reconstruct` would draw."""
-    if len(rows) > _TouchSettings.rows:
-        rows = rows[np.unique(np.linspace(0, len(rows) - 1, _TouchSettings.rows).astype(int))]
+    rows = rows[spread_evenly(len(rows), _TouchSettings.rows)]
     label = np.empty(len(found.touches), int)
     for index, one in enumerate(found.patches):
         label[one.members] = index
@@ -578,7 +577,7 @@ def _places(found: SurfaceFit, reach: _Reach) -> list[np.ndarray]:
     for index, one in enumerate(found.patches):
         more = (reach.point_m[reach.patch == index] - one.center_m) @ one.frame.T
         x = np.concatenate([found.local(one), more])[:, : one.dimensions]
-        result.append(x[np.unique(np.linspace(0, len(x) - 1, _TouchSettings.targets).astype(int))])
+        result.append(x[spread_evenly(len(x), _TouchSettings.targets)])
     return result
 
 

@@ -20,6 +20,7 @@ from vbaa_calib.calibrate.antenna.settings import AntennaSettings
 from vbaa_calib.calibrate.pose.board_pose import require_size
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate, fused
 from vbaa_calib.camera import Camera
+from vbaa_calib.core.arrays import spread_evenly
 from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_picture
@@ -226,7 +227,7 @@ def observe(
         return replace(expected, paint=expected.learned(chosen, [read(still) for still in chosen], pulls))
 
     if expected.paint is None:
-        some = np.unique(np.linspace(0, len(stills) - 1, AntennaSettings.learnt_from).astype(int)).tolist()
+        some = spread_evenly(len(stills), AntennaSettings.learnt_from).tolist()
         learnt = learned(some)
         seen = looked(learnt)
         lost = [index for index, one in enumerate(seen) if one is None][: AntennaSettings.learnt_from]

@@ -24,6 +24,7 @@ from scipy.special import stdtr, stdtrit
 
 from vbaa_calib.antenna import linear
 from vbaa_calib.antenna.elastica import planar_elastica_dead
+from vbaa_calib.core.arrays import spread_evenly
 from vbaa_calib.core.csv_rows import number, read_csv
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.core.least_squares import SQUARES, Linearised, Rules, minimise
@@ -236,7 +237,7 @@ def _weigh(
 def _robust_line(regressor: np.ndarray, y: np.ndarray, offset: bool) -> tuple[float, float]:
     """(slope, intercept) of y (N,) over the regressor (N,) by least median of squares over the lines through two
     readings (or one and the origin), at most 780; intercept 0 if fixed."""
-    anchors = np.unique(np.linspace(0, len(y) - 1, AntennaSettings.anchors).astype(int))
+    anchors = spread_evenly(len(y), AntennaSettings.anchors)
     apart = 0.2 * np.ptp(regressor)
     if offset:
         pairs = np.array([p for p in combinations(anchors, 2) if abs(regressor[p[0]] - regressor[p[1]]) > apart])

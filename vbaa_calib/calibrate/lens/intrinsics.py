@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
 
 import numpy as np
 
 from targets.board import Board, BoardPoints, corner_points
 from vbaa_calib.camera import Camera
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import Diagnosis, InputError, Verdict
 from vbaa_calib.core.robust import mad_std
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
@@ -21,7 +22,7 @@ from .initialization import homography_start, reposed, rough_lens, unfolded
 from .models import LENS_MODELS, DistortionModel, camera_of, is_monotonic
 from .outliers import DroppedView, Inliers, fit_without_outliers, usable_views
 from .settings import LensSettings
-from .verdict import LensVerdict, judge
+from .verdict import judged
 
 _ROUGHLY = replace(CONVERGED, iterations=5, tolerance=1e-4)  # just enough to separate good corners from bad
 
@@ -54,12 +55,14 @@ class LensSolution:
     board_shape : how the board differs from a flat print with square squares; always solved for, with a prior.
     monotonic : whether the lens maps the whole picture without folding. views, dropped : in the order of their names.
     verdict : by the solve alone; `lens_from_views.solve_lens` adds what the set of views shows.
+    reasons : sentences: why this lens model, whether halves of the views agree, whether the board is flat.
     """
 
     camera: Camera
     model: str
     board_shape: BoardShape
-    verdict: LensVerdict
+    verdict: Verdict = field(default_factory=Verdict)
+    reasons: tuple[str, ...] = ()
     rms_px: float = np.nan
     rms_inliers_px: float = np.nan
     views: tuple[_UsedView, ...] = ()
@@ -81,7 +84,46 @@ class LensSolution:
     @property
     def trusted(self) -> bool:
         """Whether the verdict contains no diagnosis."""
-        return self.verdict.trusted
+        return not self.verdict.findings
+
+    @property
+    def grade(self) -> Literal["trusted", "look at", "do not use"]:
+        """The verdict as a grade: "do not use" with a grave diagnosis, "look at" with any other, else "trusted"."""
+        return "trusted" if self.trusted else "do not use" if self.exit_code else "look at"
+
+    @property
+    def exit_code(self) -> int:
+        """Exit code of a verb that uses the lens: 1 where it must not be used, else 0."""
+        return int(self.verdict.severity == "wrong")
+
+    @property
+    def headline(self) -> str:
+        """The grade in a sentence."""
+        return {
+            "trusted": "This lens can be trusted.",
+            "look at": "Look at the warnings before you trust this lens.",
+            "do not use": f"Do not use this lens yet: {self.verdict.findings[0].words if not self.trusted else ''}.",
+        }[self.grade]
+
+    @property
+    def words(self) -> str:
+        """The headline and the reasons."""
+        return " ".join([self.headline, *self.reasons])
+
+    def with_diagnoses(self, found: Iterable[Diagnosis], reasons: Sequence[str] = ()) -> LensSolution:
+        """The solution with further diagnoses in its verdict, and further reasons."""
+        verdict = Verdict.of((*self.verdict.findings, *found))
+        return replace(self, verdict=verdict, reasons=(*self.reasons, *reasons))
+
+    def verdict_dict(self) -> dict[str, Any]:
+        """The verdict's entries of camera.json and rig.json."""
+        return {
+            "verdict": self.words,
+            "grade": self.grade,
+            "trusted": self.trusted,
+            "warnings": [str(one) for one in self.verdict.findings],
+            "diagnoses": [one.to_dict() for one in self.verdict.findings],
+        }
 
 
 def solve_intrinsics(
@@ -146,9 +188,8 @@ def solve_intrinsics(
         comparison=comparison,
         monotonic=monotonic,
         board_shape=shape,
-        verdict=LensVerdict(),
     )
-    return replace(solution, verdict=judge(solution, seen, scatter))
+    return judged(solution, seen, scatter)
 
 
 def _contradicting(usable: Sequence[BoardView], kept: np.ndarray) -> list[DroppedView]:

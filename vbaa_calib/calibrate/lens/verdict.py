@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,74 +16,14 @@ from .settings import LensSettings
 if TYPE_CHECKING:
     from .intrinsics import LensSolution
 
-_Grade = Literal["trusted", "look at", "do not use"]
 
-
-@dataclass(frozen=True)
-class LensVerdict:
-    """Verdict on a lens: its grade is that of the worst diagnosis."""
-
-    diagnoses: tuple[Diagnosis, ...] = ()  # what is wrong, or looks wrong, the grave ones first
-    # sentences: why this lens model, whether halves of the views agree, whether the board is flat
-    reasons: tuple[str, ...] = ()
-
-    @property
-    def grade(self) -> _Grade:
-        """ "do not use" with a grave diagnosis, "look at" with any other, else "trusted"."""
-        if not self.diagnoses:
-            return "trusted"
-        return "do not use" if self.diagnoses[0].grave else "look at"
-
-    @property
-    def trusted(self) -> bool:
-        """Whether there is no diagnosis against the lens."""
-        return self.grade == "trusted"
-
-    @property
-    def headline(self) -> str:
-        """The grade in a sentence."""
-        return {
-            "trusted": "This lens can be trusted.",
-            "look at": "Look at the warnings before you trust this lens.",
-            "do not use": f"Do not use this lens yet: {self.diagnoses[0].words if self.diagnoses else ''}.",
-        }[self.grade]
-
-    @property
-    def words(self) -> str:
-        """The headline and the reasons."""
-        return " ".join([self.headline, *self.reasons])
-
-    @property
-    def exit_code(self) -> int:
-        """Exit code of a verb that uses the lens: 1 where it must not be used, else 0."""
-        return int(self.grade == "do not use")
-
-    def with_diagnoses(self, found: Iterable[Diagnosis]) -> LensVerdict:
-        """The verdict with further diagnoses."""
-        return replace(self, diagnoses=_grave_first((*self.diagnoses, *found)))
-
-    def to_dict(self) -> dict[str, Any]:
-        """The entries of camera.json and rig.json."""
-        return {
-            "verdict": self.words,
-            "grade": self.grade,
-            "trusted": self.trusted,
-            "warnings": [str(one) for one in self.diagnoses],
-            "diagnoses": [one.to_dict() for one in self.diagnoses],
-        }
-
-
-def judge(solution: LensSolution, views_px: Sequence[np.ndarray], view_scatter: float) -> LensVerdict:
-    """The verdict on a lens from its solution alone; `with_diagnoses` adds what the set of views shows.
+def judged(solution: LensSolution, views_px: Sequence[np.ndarray], view_scatter: float) -> LensSolution:
+    """The solution with the verdict and reasons that follow from it alone.
 
     views_px : corners (N, 2) of each view used. view_scatter : as `Information` has it.
     """
-    found = _grave_first(_diagnoses(solution, views_px, view_scatter))
-    return LensVerdict(found, (*_why(solution), *_split_half(solution.chosen), _board(solution.board_shape)))
-
-
-def _grave_first(found: Iterable[Diagnosis]) -> tuple[Diagnosis, ...]:
-    return tuple(sorted(found, key=lambda one: not one.grave))
+    reasons = (*_why(solution), *_split_half(solution.chosen), _board(solution.board_shape))
+    return solution.with_diagnoses(_diagnoses(solution, views_px, view_scatter), reasons)
 
 
 def _diagnoses(solution: LensSolution, views_px: Sequence[np.ndarray], view_scatter: float) -> Iterator[Diagnosis]:

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from targets.board import DICTIONARIES, DICTIONARY_SIZES, AprilGrid, Board, BoardSpec, Chessboard, CircleGrid, spec_line
+from vbaa_calib.core.arrays import spread_evenly
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import Diagnosis, InputError
 from vbaa_calib.core.images import read_gray
@@ -147,7 +148,7 @@ def _rich(markers: Sequence[Markers]) -> list[int]:
     counts = np.array([len(picture.ids) for picture in markers])
     if counts.any():
         return np.argsort(-counts, kind="stable")[: DetectionSettings.tried].tolist()
-    return np.unique(np.linspace(0, len(markers) - 1, DetectionSettings.tried).astype(int)).tolist()
+    return spread_evenly(len(markers), DetectionSettings.tried).tolist()
 
 
 def _markers_in_words(markers: Sequence[Markers], spec: BoardSpec | AprilGrid, read: Read) -> str:
@@ -506,7 +507,7 @@ def _other_than_chessboard(read: Read, count: int, spec: Chessboard, detect: Det
     """The kind of board in a few of the pictures, in words, and a remedy; a chessboard counts where two pictures
     have it."""
     own, seen, pictures = sorted((spec.squares_x, spec.squares_y)), list[tuple[int, ...]](), list[np.ndarray]()
-    for index in np.unique(np.linspace(0, count - 1, DetectionSettings.tried).astype(int)).tolist():
+    for index in spread_evenly(count, DetectionSettings.tried).tolist():
         inner = find_whole_chessboard(picture := read(index), thorough=False)
         counts = (0, 0) if inner is None else inner.shape[:2]
         columns, rows = sorted((1 + each for each in counts), reverse=spec.squares_x >= spec.squares_y)
@@ -560,7 +561,7 @@ def _other_kind(read: Read, found: Sequence[np.ndarray], spec: Board, detect: De
             if isinstance(spec, Chessboard) and rest
             else None
         )
-    chosen = np.unique(np.linspace(0, len(found) - 1, DetectionSettings.tried).astype(int))
+    chosen = spread_evenly(len(found), DetectionSettings.tried)
     pictures = [read(int(index)) for index in chosen]
     marked = None if with_ids else _with_ids(pictures, spec, detect)
     return marked or _as_circles(pictures, spec) or _as_chessboard(pictures, spec)
