@@ -33,11 +33,11 @@ CXX_CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b(?=[^=;(,]*=)")
 MOST = {
     "module constants": 890,
     "class names used twice": 0,
-    "classes": 453,
-    "public names": 1111,
+    "classes": 446,
+    "public names": 1109,
     "private words": 53,
     "type: ignore": 4,
-    "words on pages": 29964,
+    "words on pages": 29961,
 }
 """What there may be of each. A number only goes down: a change that needs fewer lowers it."""
 
