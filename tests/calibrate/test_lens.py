@@ -145,6 +145,23 @@ def test_one_step_tells_what_views_left_out_would_be_missed_by(index: int) -> No
     np.testing.assert_allclose(chosen, anew, rtol=0.02)
 
 
+def test_the_covariance_has_room_for_the_lens_that_was_passed_over() -> None:
+    """A principal point off by ten deviations is within one then, and the same lens changes nothing."""
+    rig = rigs()[0]
+    given = draw(rig, 46)
+    bundle = refine(Bundle.start(rig.model, rig.intrinsics, given.poses), observations_of(given.views, POINTS))
+    known = information(bundle, observations_of(given.views, POINTS))
+    assert known is not None
+    corners = np.concatenate([view.corners_px for view in given.views])
+    lens = camera_of(rig.model, bundle.intrinsics, rig.image_size)
+    np.testing.assert_allclose(known.covariance_with(lens, lens, corners), known.covariance, rtol=1e-6)
+    moved = bundle.intrinsics + 10.0 * np.sqrt(known.covariance[3, 3]) * (np.arange(len(bundle.intrinsics)) == 3)
+    other = camera_of(rig.model, moved, rig.image_size)
+    covariance = known.covariance_with(other, lens, corners)
+    assert covariance[3, 3] == pytest.approx(101.0 * known.covariance[3, 3], rel=0.1)
+    assert np.linalg.eigvalsh(covariance - known.covariance).min() > -1e-9 * np.abs(covariance).max()
+
+
 @pytest.mark.parametrize(
     ("index", "count", "allowed"),
     [pytest.param(index, 150, 0.05, marks=pytest.mark.slow) for index in range(len(rigs()))],

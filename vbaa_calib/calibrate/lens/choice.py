@@ -42,7 +42,24 @@ class Information:
     def covariance(self) -> np.ndarray:
         """(4 + k + 5, 4 + k + 5) covariance of lens and shape, scaled by the residual variance and by
         `view_scatter`."""
-        return self._variance * self.view_scatter**2 * self.half @ self.half.T
+        return self.covariance_half @ self.covariance_half.T
+
+    @property
+    def covariance_half(self) -> np.ndarray:
+        """(4 + k + 5, p) root of the covariance: its square is that."""
+        return np.sqrt(self._variance) * self.view_scatter * self.half
+
+    def covariance_with(self, other: Camera, camera: Camera, corners_px: np.ndarray) -> np.ndarray:
+        """The covariance of a lens where another one may be true: the change by which it would best project as the
+        other among the corners (N, 2) is one more error."""
+        pixels = pixel_grid(camera.image_size).reshape(-1, 2)
+        rays, valid = other.unproject(pixels)
+        seen, inside = camera.project(rays)
+        among = is_covered(pixels, corners_px) & valid & inside
+        slopes = projection_jacobian(camera, seen[among]) @ self.covariance_half[:-SHAPE] / LensSettings.negligible_px
+        slopes, off = slopes.reshape(-1, slopes.shape[-1]), (pixels - seen)[among].ravel() / LensSettings.negligible_px
+        steps = np.linalg.solve(slopes.T @ slopes + np.eye(slopes.shape[-1]), slopes.T @ off)
+        return self.covariance_half @ (np.eye(len(steps)) + np.outer(steps, steps)) @ self.covariance_half.T
 
     @property
     def left_out(self) -> np.ndarray:
@@ -252,8 +269,9 @@ class Assessed:
         return pole_distance(LENS_MODELS[self.candidate.model], camera.parameters, camera.image_size)
 
 
-def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, tuple[Candidate, ...]]:
-    """Name of the lens model to use, and the comparison. corners_px : (N, 2) of all views.
+def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, tuple[Candidate, ...], Camera]:
+    """Name of the lens model to use, the comparison, and the lens that would be taken if parameters cost nothing;
+    where that is the same, the decentred one. corners_px : (N, 2) of all views.
 
     Models with a left-out error that is larger by 0.5 % and significantly so (over views), or by 10 %, are wrong. Of
     the others the one of least expected error over the picture is taken, bias and noise together
@@ -319,6 +337,7 @@ def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, 
         ratio = expected_px["opencv4"] / expected_px[chosen]
         as_good = ratio <= 1.0 or "opencv4" in (*simpler, least)
         chosen = "opencv4" if as_good and ratio < rules.centred_may_cost else chosen
+        least = "opencv4" if least == chosen else least
     for name in names:
         if name != chosen and expected_px[name] <= expected_px[chosen]:
             richer = "is richer, and better by no more than the difference's own error"
@@ -327,7 +346,7 @@ def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, 
         replace(one.candidate, expected_error_px=expected_px[name], passed_over=reasons.get(name, ""))
         for name, one in every.items()
     ]
-    return chosen, tuple(rows)
+    return chosen, tuple(rows), cameras[least]
 
 
 def _expected_errors_px(

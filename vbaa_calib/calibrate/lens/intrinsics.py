@@ -24,6 +24,7 @@ from .outliers import DroppedView, Inliers, fit_without_outliers, usable_views
 from .settings import LensSettings
 from .verdict import judged
 
+_Compared = tuple[tuple[Candidate, ...], Camera | None]
 _ROUGHLY = replace(CONVERGED, iterations=5, tolerance=1e-4)  # just enough to separate good corners from bad
 
 
@@ -158,7 +159,7 @@ def solve_intrinsics(
     options = _LensOptions(usable[0].image_size, ShapePrior.of(board), model, min_corners, square_pixels)
     inliers, rough, warm = _screened(observations, options)
     _require_enough(inliers.of(observations), [*dropped, *_contradicting(usable, inliers.views)], model)
-    bundle, inliers, comparison, known = _decided(inliers, rough, warm, observations, options)
+    bundle, inliers, (comparison, other), known = _decided(inliers, rough, warm, observations, options)
     good, lens = inliers.of(observations), bundle.model
     dropped += _contradicting(usable, inliers.views)
     _require_enough(good, dropped, model)
@@ -167,12 +168,14 @@ def solve_intrinsics(
             f"the pictures leave the {lens.name} lens open",
             remedy="add views of the board tilted in different directions, or choose a simpler --lens-model",
         )
-    covariance = known.covariance
+    covariance, seen = known.covariance, [view.pixels for view in good]
     camera = camera_of(lens, bundle.intrinsics, options.image_size)
+    if other is not None:
+        covariance = known.covariance_with(other, camera, np.concatenate(seen))
     camera = replace(camera, covariance=covariance[:-SHAPE, :-SHAPE])
     monotonic = is_monotonic(lens, bundle.intrinsics, options.image_size)
     shape = BoardShape.solved(nominal_m, bundle.shape, covariance)
-    seen, scatter = [view.pixels for view in good], known.view_scatter
+    scatter = known.view_scatter
     whole = [observations[index] for index in inliers.views]
     squares = np.sum(np.concatenate(residuals_px(bundle, whole)) ** 2, axis=1)
     used = _used(bundle, inliers, usable)
@@ -255,13 +258,14 @@ def _decided(
     observations: Sequence[BoardCorners],
     options: _LensOptions,
     folding: tuple[str, ...] = (),
-) -> tuple[Bundle, Inliers, tuple[Candidate, ...], Information | None]:
+) -> tuple[Bundle, Inliers, _Compared, Information | None]:
     """Alternates between choosing the lens model and the outliers until neither changes. Returns the lens from the
-    good corners with one pose for each good view, and the information, None where a parameter is undetermined.
+    good corners with one pose for each good view, what it was compared with, and the information, None where a
+    parameter is undetermined.
 
     A lens that "auto" chose, and that folds once it has converged, is compared again as one of those that fold.
     """
-    comparison: tuple[Candidate, ...] = ()
+    compared: _Compared = (), None
     decided: tuple[str, int] | None = None
     for _ in range(LensSettings.rounds):
         good = inliers.of(observations)
@@ -269,7 +273,7 @@ def _decided(
         if decided == now:
             break
         if options.model == "auto":
-            bundle, comparison = _choose_lens(good, options, warm, folding)
+            bundle, compared = _choose_lens(good, options, warm, folding)
         else:
             bundle = _fit_lens(bundle.model, good, options, {bundle.model.name: bundle})
         decided = (bundle.model.name, now[1])
@@ -287,8 +291,8 @@ def _decided(
         return _decided(inliers, bundle, warm, observations, options, (*folding, name))
     known = information(bundle, good)
     if options.model != "auto" and known is not None:
-        comparison = (assess(bundle, good, options.image_size, known)[0],)
-    return bundle, inliers, comparison, known
+        compared = (assess(bundle, good, options.image_size, known)[0],), None
+    return bundle, inliers, compared, known
 
 
 def _fit_lens(
@@ -305,11 +309,11 @@ def _fit_lens(
 
 def _choose_lens(
     observations: Sequence[BoardCorners], options: _LensOptions, warm: Mapping[str, Bundle], folding: Sequence[str]
-) -> tuple[Bundle, tuple[Candidate, ...]]:
-    """The solution of the lens model that `choose` selects, and the comparison. warm : initial solutions by model
-    name.
+) -> tuple[Bundle, _Compared]:
+    """The solution of the lens model that `choose` selects, and what it was compared with.
 
-    folding : names of models that fold in the end. Models with an open parameter are left out.
+    warm : initial solutions by model name. folding : names of models that fold in the end. Models with
+    an open parameter are left out.
     """
     fits: dict[str, Bundle] = {}
     assessed = []
@@ -324,9 +328,9 @@ def _choose_lens(
             camera = replace(camera, covariance=known.covariance[:-SHAPE, :-SHAPE])
             assessed.append(Assessed(candidate, camera, squares, known.left_out[:, :-SHAPE]))
     if not assessed:
-        return fits[LensSettings.candidates[0]], ()
-    chosen, comparison = choose(assessed, np.concatenate([view.pixels for view in observations]))
-    return fits[chosen], comparison
+        return fits[LensSettings.candidates[0]], ((), None)
+    chosen, comparison, other = choose(assessed, np.concatenate([view.pixels for view in observations]))
+    return fits[chosen], (comparison, other)
 
 
 def _used(bundle: Bundle, inliers: Inliers, usable: Sequence[BoardView]) -> tuple[_UsedView, ...]:
