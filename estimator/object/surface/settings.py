@@ -64,6 +64,8 @@ class SurfaceSettings:
     most_equations: int = 480  # of the search for the smoothness: three numbers need no more
     incline: float = 2.0  # prior standard deviation of the trend's slope over the tangent plane
     rougher: float = 1e-4  # least part of the touches' variance that is noise, in the search
-    polishing_steps: int = 2  # of Newton's method after the search
+    search_ends: float = 1e-6  # change of that, in parts, at which a descent leaves the rest to Newton's method,
+    polishing_steps: int = 4  # in so many steps
+    contracted: float = 0.3  # of the last two, above which second derivatives are taken anew
     difference_step: float = 1e-3  # of its derivatives
     longest_step: float = 0.5  # that is believed

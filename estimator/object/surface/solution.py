@@ -254,28 +254,35 @@ def learn_prior(
     if start is not None:
         first = np.log([start.length_m / extent_m, start.amplitude_m / extent_m, start.slack_rad])[:free]
     bounds = list(zip(low, high, strict=True))
-    found = minimize(improbability, np.clip(first, low, high), jac=True, method="L-BFGS-B", bounds=bounds)
+    options = {"ftol": SurfaceSettings.search_ends}
+    found = minimize(
+        improbability, np.clip(first, low, high), jac=True, method="L-BFGS-B", bounds=bounds, options=options
+    )
     return prior_of(_newton(found.x, lambda logs: improbability(logs)[1]))
 
 
 def _newton(logs: np.ndarray, slope_at: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """The zero of the gradient by Newton's method: the preceding search stops where the objective is lost in
-    rounding."""
+    """The zero of the gradient by Newton's method, with second derivatives as where it begins while they serve: the
+    preceding search stops before the objective is lost in rounding."""
     low, high = _LOWEST[: len(logs)], _HIGHEST[: len(logs)]
-    for _ in range(SurfaceSettings.polishing_steps):
+    steps, bend = [SurfaceSettings.longest_step], np.zeros((0, 0))
+    while len(steps) <= SurfaceSettings.polishing_steps:
         inside = np.flatnonzero((logs > low) & (logs < high - SurfaceSettings.difference_step))
         if not len(inside):
             break
-        slope, moves = slope_at(logs), SurfaceSettings.difference_step * np.eye(len(logs))[inside]
-        bend = np.array([(slope_at(logs + move) - slope)[inside] / SurfaceSettings.difference_step for move in moves])
-        bend = 0.5 * (bend + bend.T)
-        if np.linalg.eigvalsh(bend)[0] <= 0.0:
-            break
+        slope = slope_at(logs)
+        if len(bend) != len(inside) or steps[-1] > SurfaceSettings.contracted * steps[-2]:
+            moves = SurfaceSettings.difference_step * np.eye(len(logs))[inside]
+            bend = np.array([(slope_at(logs + move) - slope)[inside] for move in moves])
+            bend = 0.5 * (bend + bend.T) / SurfaceSettings.difference_step
+            if np.linalg.eigvalsh(bend)[0] <= 0.0:
+                break
         step = np.linalg.solve(bend, -slope[inside])
-        if np.abs(step).max() > SurfaceSettings.longest_step:
+        steps.append(float(np.abs(step).max()))
+        if steps[-1] > steps[0]:
             break
         logs = logs.copy()
         logs[inside] += step
-        if np.abs(step).max() < 10.0 * SurfaceSettings.difference_step:
-            break  # the next one would be a thousandth of it
+        if steps[-1] < SurfaceSettings.difference_step:
+            break
     return np.clip(logs, low, high)
