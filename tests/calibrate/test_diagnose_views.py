@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from scipy.optimize import brentq
 
 import vbaa_calib.calibrate.report  # noqa: F401, its modules must not first be loaded while detect_folder is another
 from targets.board import corner_points
@@ -102,6 +103,42 @@ def test_a_shifted_picture_is_found_with_its_direction() -> None:
         (found,) = [one for one in view_set_diagnoses(views, solved(views), SPEC) if one.name == "centre_moved"]
         assert ("to the right" if shift > 0 else "to the left") in found.words
         assert 6.0 < float(found.words.split(" by ")[1].split()[0]) < 10.0
+
+
+def behind_glass(points: np.ndarray, pose: Pose, thickness_m: float) -> np.ndarray:
+    """(N, 3) where a board's points seem to be behind a plate of index 1.5 on it."""
+    camera, moved = pose.inverse().translation_m, points.copy()
+    height = abs(camera[2]) - thickness_m
+    for place, way in enumerate((points - camera)[:, :2]):
+        far = np.linalg.norm(way)
+
+        def bent(sine: float) -> float:
+            return thickness_m * sine / np.sqrt(2.25 - sine**2)
+
+        def missed(sine: float, far: float = far) -> float:
+            return height * sine / np.sqrt(1.0 - sine**2) + bent(sine) - far
+
+        sine = brentq(missed, 0.0, 0.999)
+        moved[place, :2] += way / far * (thickness_m * sine / np.sqrt(1.0 - sine**2) - bent(sine))
+    return moved
+
+
+def test_glass_before_the_board_is_found_with_its_thickness() -> None:
+    for seed, thickness_m in ((0, 2e-3), (1, 4e-3)):
+        rng = np.random.default_rng(seed)
+        views = []
+        for index in range(14):
+            pose = pose_towards(rng, 0.16, 0.8)
+            points = behind_glass(corner_points(SPEC), pose, thickness_m)
+            views.append(
+                board_view(
+                    f"{index:02d}.png", projection("opencv", points, pose.vector, INTRINSICS)[0], SIZE, rng, 0.05
+                )
+            )
+        found = next(one for one in view_set_diagnoses(views, solved(views), SPEC) if one.name == "board_behind_glass")
+        assert found.grave
+        size, std = (float(found.words.split("behind ")[1].split(" mm")[0].split(" ± ")[side]) for side in (0, 1))
+        assert abs(size - 1e3 * thickness_m) < 3.0 * std + 0.1
 
 
 @pytest.mark.parametrize("unflat_m", [0.0, 5e-5])

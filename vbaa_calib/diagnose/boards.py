@@ -24,6 +24,7 @@ from vbaa_calib.core.least_squares import without_own
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.detect.quality.settings import QualitySettings
+from vbaa_calib.geometry import Pose
 
 from .decision import DecisionSettings, Explanation, diagnose
 
@@ -50,6 +51,9 @@ class _BoardSettings:
     gap_std: float = 0.02  # prior standard deviation of an AprilGrid's spacing, in tags
     gap: float = 1e-3  # error of the spacing that matters
     grave_gap: float = 5e-3  # from which the board's size is not known
+    glass_std_m: float = 5e-3  # prior standard deviation of a plate's thickness before the board
+    glass_index: float = 1.5  # of refraction, of glass and acrylic
+    glass_m: float = 5e-4  # thickness that matters: it shifts the board by a third
     rectified: float = 0.1  # share of a file's distortion that pictures may have and be rectified, or lack and be raw
     gross: float = 5.0  # scatters beyond which a corner is wrong under both
     corner_px: float = 0.02  # scatter per axis that is no smaller in any picture
@@ -304,6 +308,7 @@ class ViewSet:
     residuals: np.ndarray  # (2N,) px, observed less projected
     own: np.ndarray  # (2N, 3) by parameters of a single view: log focal length, cx px, cy px
     by_gap: np.ndarray  # (2N,) by an AprilGrid's spacing; 0 of other boards
+    by_glass: np.ndarray  # (2N,) by the thickness, m, of a plate of glass on the board
     spacing: float  # as described; NaN of other boards
     basis: np.ndarray  # (2N, p) orthonormal, of what the views share: lens and board shape
     bounds: np.ndarray  # (V + 1,) first row of each view
@@ -330,7 +335,8 @@ class ViewSet:
         residuals, by_shared, by_pose, bounds = rows(bundle, seen)
         focal = by_shared[..., :1] * intrinsics[0] + by_shared[..., 1:2] * intrinsics[1]
         by_gap = _by_gap(bundle, seen, spec)[..., None]
-        columns = [by_shared @ directions, focal, by_shared[..., 2:4], by_gap, residuals[..., None]]
+        by_glass = _by_moves(bundle, seen, list(map(_behind_glass, poses, seen)))[..., None]
+        columns = [by_shared @ directions, focal, by_shared[..., 2:4], by_gap, by_glass, residuals[..., None]]
         every = np.concatenate(columns, axis=-1)
         left = without_own(every, by_pose, bounds)
         flat = np.vstack([one[: 2 * count] for one, count in zip(left, np.diff(bounds).tolist(), strict=True)])
@@ -343,10 +349,10 @@ class ViewSet:
             return None
         rest = flat[:, -1] - basis @ (basis.T @ flat[:, -1])
         names, units = tuple(view.name for view in chosen), (1.0, float(intrinsics[0]), float(intrinsics[1]))
-        own, by_gap = flat[:, directions.shape[1] : -2], flat[:, -2]
+        own, by_gap, by_glass = flat[:, directions.shape[1] : -3], flat[:, -3], flat[:, -2]
         spacing = spec.spacing if isinstance(spec, AprilGrid) else np.nan
         variance_px2 = float(rest @ rest) / freedom
-        return ViewSet(names, flat[:, -1], own, by_gap, spacing, basis, 2 * bounds, units, variance_px2)
+        return ViewSet(names, flat[:, -1], own, by_gap, by_glass, spacing, basis, 2 * bounds, units, variance_px2)
 
     def own_scores(self, parameter: int) -> tuple[np.ndarray, np.ndarray]:
         """Score (V,) of a parameter that may differ from view to view, px², and its information (V, V), px², with
@@ -431,15 +437,26 @@ def _by_gap(bundle: Bundle, seen: Sequence[BoardCorners], spec: Board | BoardPoi
     """(N, 2) negative derivatives of the corners' residuals by an AprilGrid's spacing; zero for other boards."""
     if not isinstance(spec, AprilGrid):
         return np.zeros((sum(len(view.pixels) for view in seen), 2))
-    # in the place of the first of the shape's parameters: how corners move with a tag's gap
-    views = []
-    for view in seen:
-        steps = np.floor(view.points_m[:, :2] / (spec.tag_m * (1.0 + spec.spacing)) + 1e-6)
-        moved = np.zeros((len(steps), 3, len(bundle.shape)))
-        moved[:, :2, 0] = spec.tag_m * steps
-        views.append(replace(view, deformation=moved))
+    steps = (np.floor(view.points_m[:, :2] / (spec.tag_m * (1.0 + spec.spacing)) + 1e-6) for view in seen)
+    return _by_moves(bundle, seen, [np.pad(spec.tag_m * step, ((0, 0), (0, 1))) for step in steps])
+
+
+def _by_moves(bundle: Bundle, seen: Sequence[BoardCorners], moves: Sequence[np.ndarray]) -> np.ndarray:
+    """(N, 2) negative derivatives of the corners' residuals along moves (N, 3) m of each view's corners."""
+    # in the place of the first of the shape's parameters
+    others = ((0, 0), (0, 0), (0, len(bundle.shape) - 1))
+    views = [replace(view, deformation=np.pad(move[..., None], others)) for view, move in zip(seen, moves, strict=True)]
     flat = replace(bundle, shape=np.zeros_like(bundle.shape))
     return rows(flat, views)[1][..., len(bundle.intrinsics)]
+
+
+def _behind_glass(pose: np.ndarray, seen: BoardCorners) -> np.ndarray:
+    """(N, 3) apparent displacements of a board's corners in its plane, per thickness of a plate of glass on it, by
+    Snell's law. pose : (6,) of the board in the camera frame."""
+    ways = seen.points_m - Pose.from_rotvec(pose[:3], pose[3:]).inverse().translation_m
+    across = np.linalg.norm(ways[:, :2], axis=1) / np.linalg.norm(ways, axis=1)
+    straight, bent = (np.tan(np.arcsin(across / index)) for index in (1.0, _LIMITS.glass_index))
+    return np.pad(ways[:, :2] * ((straight - bent) / np.linalg.norm(ways[:, :2], axis=1))[:, None], ((0, 0), (0, 1)))
 
 
 def _other_gap(data: ViewSet) -> Iterator[Explanation[ViewSet]]:
@@ -467,6 +484,33 @@ def _other_gap(data: ViewSet) -> Iterator[Explanation[ViewSet]]:
     )
 
 
+def _under_glass(data: ViewSet) -> Iterator[Explanation[ViewSet]]:
+    """Hypothesis of a board behind glass or acrylic, which bends the rays of tilted boards."""
+    left = data.by_glass - data.basis @ (data.basis.T @ data.by_glass)
+    score, information = (np.add.reduceat(left * one, data.bounds[:-1]) for one in (data.residuals, left))
+    total, freedom = float(information.sum()), len(score) - 1
+    if freedom < _LIMITS.change_views - 1 or total <= 0.0:
+        return
+    value = float(score.sum()) / total
+    # corners of one view share errors: the scatter of the views sets the scale
+    scatter = float(((score - value * information) ** 2).sum()) * (freedom + 1) / freedom
+    std = float(np.sqrt(max(scatter, data.variance_px2 * total))) / total
+    if value < _LIMITS.glass_m:
+        return
+    gained = 0.5 * (freedom + 1) * np.log1p((value / std) ** 2 / freedom)
+    size = f"{1e3 * value:.1f} ± {1e3 * std:.1f} mm"
+    words = (
+        f"the board lies behind {size} of glass or acrylic: its corners are where that would bend their rays to; "
+        f"a pose of the board is off by a third of it, {1e3 * value / 3.0:.1f} mm"
+    )
+    remedy = "take the plate off, or the print out of its frame, and take all pictures of the board again"
+    yield Explanation(
+        Diagnosis("board_behind_glass", words, remedy, "wrong"),
+        gained - np.log(max(_LIMITS.glass_std_m / std, 1.0)),
+        lambda: replace(data, residuals=data.residuals - value * data.by_glass),
+    )
+
+
 def view_set_diagnoses(
     views: Sequence[BoardView], solution: LensSolution, spec: Board | BoardPoints
 ) -> list[Diagnosis]:
@@ -476,7 +520,7 @@ def view_set_diagnoses(
     if not used:
         return []
     data = ViewSet.of(used, solution, spec)
-    found = [] if data is None else diagnose(data, (_focus_changed, _centre_moved, _other_gap))
+    found = [] if data is None else diagnose(data, (_focus_changed, _centre_moved, _other_gap, _under_glass))
     # a lens that did not stay the same shifts the print's aspect by several of its standard deviations
     stretched = None if found or data is None else _print_stretched(solution.board_shape)
     found += [one for one in (stretched, _poorly_covered(used, spec)) if one is not None]
