@@ -412,6 +412,6 @@ class Case:
         return self.cost - found.cost - self.of_one(found)
 
     def of_one(self, found: _Weighed) -> float:
-        """Largest decrease of a frame's cost by another explanation: what concerns all frames does not rest on one,
-        whose fit may have ended elsewhere."""
+        """Largest decrease of one frame's cost by another explanation; 0 for a single frame. It is not counted for what
+        concerns all frames, because the fit of one frame may have ended in another minimum."""
         return float(np.max(self.reported.costs - found.costs, initial=0.0)) if len(found.costs) > 1 else 0.0

@@ -144,7 +144,8 @@ class RecordingProblem:
 
     @staticmethod
     def _with_lines(arrays: RigArrays) -> RigArrays:
-        """The arrays with errors of all lines that one frame's noise hides: the next Legendre polynomials."""
+        """The arrays with the next Legendre polynomials as further errors of the lines, common to all frames and too small
+        for a single one to show."""
         drift, line = arrays.rig.drift, arrays.line
         part = drift.line_px / max(math.hypot(drift.line_px, drift.light_px), 1e-300)
         return replace(arrays, line=np.hstack([line, part * line[:, : RefineSettings.finer_errors]]))
@@ -198,8 +199,8 @@ class RecordingProblem:
 
     def _split(self, index: int) -> np.ndarray:
         """(4 + R + K, 4 + L + S) matrix from own and shared unknowns to a frame's unknowns and rig steps in one
-        camera, with K errors of its lines. A line's errors are partly shared by all frames, as with a lamp that
-        moved; the finer ones wholly."""
+        camera, with K errors of its lines. Of a line's errors one part is the frame's own and another is common to all
+        frames, as by a lamp that moved; those of the finer polynomials are common."""
         view, rig, lines = self.views[index], self.axes.shape[1], self.lines
         before, count = sum(map(self.lines_of, self.views[:index])), self.lines_of(view)
         split = np.zeros((UNKNOWNS + rig + count, UNKNOWNS + lines + self.size))

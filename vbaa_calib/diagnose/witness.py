@@ -71,9 +71,11 @@ class RigFit:
 
 
 def _condensed(problem: Problem, parameters: np.ndarray, settings: SessionSettings = SETTINGS) -> Problem:
-    """The problem with few points for each picture that carry the same information on a smooth curve: values at
-    Gauss nodes of the polynomial through the points' distances from a nearby curve, the antenna with these
-    parameters under its reported load. They are independent and have the pictures' own scatter."""
+    """The problem with a few independent points for each picture, which say as much of a smooth curve as all of them.
+
+    A polynomial is fitted to the distances of a picture's points from the antenna with these parameters, with or
+    without its reported load, whichever is nearer; its values at Gauss nodes are the points.
+    """
     count = settings.points
     nodes, weights = legendre.leggauss(count)
     view = problem.pose(parameters).inverse()

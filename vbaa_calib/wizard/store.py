@@ -326,7 +326,8 @@ class Store:
         """Pictures in the steps' folders that the journal does not list, and the folders of alternatives that were
         not chosen.
 
-        The calibration uses every way to plane C that it finds; in an adopted session all of them are meant.
+        The calibration would use every way to plane C that it finds. In a session that was not made by the wizard all
+        of them are meant, and none is listed.
         """
         named = {one.file for record in self.journal.steps.values() for one in record.taken}
         folders = [self.root / self.folder(step) for step in PICTURES]

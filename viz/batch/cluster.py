@@ -172,8 +172,7 @@ def _outcome(future: Future, recording: BatchRecording, client: Client, alone: b
 
 
 def _workers(client: Client) -> list[str]:
-    """The cluster's workers by address. Raises Lost where no scheduler answers: its loss reaches the client as any
-    error."""
+    """The cluster's workers by address. Raises Lost where no scheduler answers, with whatever error dask reports it."""
     try:
         return list(client.nthreads())
     except Exception as error:

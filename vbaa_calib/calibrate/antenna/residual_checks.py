@@ -42,8 +42,10 @@ def check(joint: BundleAdjustment) -> dict[str, Any]:
 
 
 def _one_more(joint: BundleAdjustment, points: np.ndarray, moments: np.ndarray) -> tuple[float, float] | None:
-    """Score-test estimate and standard deviation of one further parameter, of Jacobian by the points' rows and the
-    moments (F,) is `points`, `moments`."""
+    """Score-test estimate and standard deviation of one further parameter; None where the data do not determine it.
+
+    points, moments : derivatives by it of the points' residuals, and of those of the moments (F,).
+    """
     own = np.concatenate([points, moments[joint.kept]])
     column = np.append(own, np.zeros(len(joint.solution.residuals) - len(own)))
     # nothing is known of it beforehand

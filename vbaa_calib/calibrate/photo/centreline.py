@@ -1118,7 +1118,7 @@ def _ranked(found: list[_MeasuredRod], settings: RodSettings) -> list[_MeasuredR
 def _lines(
     planes: np.ndarray, groups: list[list[_RodPath]], ends: list[np.ndarray | None], settings: RodSettings
 ) -> list[_MeasuredRod]:
-    """The measured lines of each group of paths: a highlight, a stripe or a ply runs along a rod."""
+    """The measured lines, at most one of each group of paths."""
     found: list[_MeasuredRod] = []
     for group in groups:
         likely: _MeasuredRod | None = None
