@@ -500,8 +500,8 @@ def _tried(case: Case) -> list[tuple[_ReadingMistake, float]]:
 
 
 def unseen_joints(case: Case) -> list[str]:
-    """Possible mistakes of the joint angles that the recording cannot reveal: rows that fit about as well, or look
-    the same."""
+    """Possible mistakes of the joint angles, in words, that the recording cannot reveal, because it fits about as well
+    with them."""
     gained, few = dict(_tried(case)), case.recorded.picked(_least_bent(case))
     names = ("tilt_sign", "joints_exchanged", "joints_late", "joint_offset")
     joints = [row for row in READINGS if row.name in names and row.correct(few) is not None]

@@ -144,8 +144,8 @@ class RecordingProblem:
 
     @staticmethod
     def _with_lines(arrays: RigArrays) -> RigArrays:
-        """The arrays with the next Legendre polynomials as further errors of the lines, common to all frames and too small
-        for a single one to show."""
+        """The arrays with the next Legendre polynomials as further errors of the lines, common to all frames and too
+        small for a single one to show."""
         drift, line = arrays.rig.drift, arrays.line
         part = drift.line_px / max(math.hypot(drift.line_px, drift.light_px), 1e-300)
         return replace(arrays, line=np.hstack([line, part * line[:, : RefineSettings.finer_errors]]))

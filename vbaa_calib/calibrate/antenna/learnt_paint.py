@@ -21,7 +21,7 @@ from .settings import AntennaSettings
 def learn(finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> Paint | None:
     """The paint with which the antenna is found most clearly in pictures (H, W[, 3]); None where none finds it.
 
-    In colours by its edges, of whatever polarity. In grey, and where it is too thin to have two edges, brighter or
+    Colour pictures: by its edges, of whatever polarity. In grey, and where it is too thin to have two edges, brighter or
     darker than its surroundings, which is measured best; a polarity that changes along the antenna where that sees
     clearly more.
 

@@ -47,8 +47,8 @@ def width_px(camera: Camera, T_camera_antenna: Pose, points_m: np.ndarray, diame
 
 
 def _nearness(T_camera_antenna: Pose, points_m: np.ndarray) -> tuple[np.ndarray | None, float]:
-    """(2,) reciprocal depths of the clamp and the tip of points (N, 3), and that halfway, 0 behind the camera; None
-    for the former where they are about the same, so that the width is learnt from profiles."""
+    """Reciprocal depths (2,) of the first and the last of points (N, 3), clamp and tip, and the one halfway; 0 behind
+    the camera. None in place of the two where they are about the same: the width is then learnt from profiles."""
     depth = (T_camera_antenna @ points_m[[0, len(points_m) // 2, -1]])[:, 2]
     if not depth[1] > 0.0:
         return None, 0.0
