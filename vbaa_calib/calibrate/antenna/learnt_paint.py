@@ -21,9 +21,8 @@ from .settings import AntennaSettings
 def learn(finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> Paint | None:
     """The paint with which the antenna is found most clearly in pictures (H, W[, 3]); None where none finds it.
 
-    Colour pictures: by its edges, of whatever polarity. In grey, and where it is too thin to have two edges, brighter or
-    darker than its surroundings, which is measured best; a polarity that changes along the antenna where that sees
-    clearly more.
+    In colour pictures it is found by its edges, of whatever polarity. In grey ones, and where it is too thin to have two
+    edges, it is brighter or darker than its surroundings, unless a polarity that changes along it shows clearly more.
 
     finders : one for each picture.
     """
