@@ -21,7 +21,7 @@ from .settings import AntennaSettings
 def learn(finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> Paint | None:
     """The paint with which the antenna is found most clearly in pictures (H, W[, 3]); None where none finds it.
 
-    In colour pictures it is found by its edges, of whatever polarity. In grey ones, and where it is too thin to have two
+    In colour pictures it is found by its edges, of whatever polarity. In grey ones, and where it is too thin for two
     edges, it is brighter or darker than its surroundings, unless a polarity that changes along it shows clearly more.
 
     finders : one for each picture.
