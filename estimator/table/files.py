@@ -334,9 +334,11 @@ def cells_of(row: ContactRow) -> dict[str, int | float | bool | str]:
     for field, names in _NAMES.items():
         value = values[field]
         if len(names) == 1:  # most of them: NumPy would take longer than all else
-            cells.append(value.item() if isinstance(value, np.generic | np.ndarray) else value)
+            cells.append(
+                value if type(value) in (float, int, str, bool) else value.item() if hasattr(value, "item") else value
+            )
         elif len(names) == 3:
-            cells += np.asarray(value).tolist()
+            cells += value.tolist() if type(value) is np.ndarray else value
         else:  # the upper triangle
             (xx, xy, xz), (_, yy, yz), (_, _, zz) = np.asarray(value).tolist()
             cells += xx, xy, xz, yy, yz, zz

@@ -100,9 +100,11 @@ class _FrameColumns(Rows, Sequence[Frame]):
             yield Frame(None, **dict(zip(names, values, strict=True)))
 
 
-def numbers_of(frames: Sequence[Frame]) -> np.ndarray:
-    """(F,) numbers of the frames."""
-    return frames.frame if isinstance(frames, _FrameColumns) else np.array([each.frame for each in frames], np.int64)
+def numbers_of(frames: Sequence[Frame], column: str = "frame") -> np.ndarray:
+    """(F,) numbers of the frames, or what another column has."""
+    if isinstance(frames, _FrameColumns):
+        return np.asarray(getattr(frames, column))
+    return np.array([getattr(each, column) for each in frames], np.int64 if column == "frame" else float)
 
 
 def pictures_of(frames: Sequence[Frame]) -> list[Path]:

@@ -384,13 +384,14 @@ def _say_silent(frames: Sequence[Frame], rig: Rig) -> None:
     import numpy as np
 
     from vbaa_calib.session import READINGS
+    from vbaa_calib.session.tables import numbers_of
 
-    silent = sum(bool(np.isnan(frame.moment_Nm)) for frame in frames)
+    silent = int(np.isnan(numbers_of(frames, "moment_Nm")).sum())
     if not rig.columns:
         say("vision alone: the rig has no moment sensor" + ", moment_Nm is left aside" * (silent < len(frames)))
     elif silent and rig.columns == ("moment_Nm",):
         say(f"{silent} of {len(frames)} frames have no moment reading: vision alone there")
     others = [name for name in list(READINGS.values())[1:] if name not in rig.columns]
-    unused = [name for name in others if not all(np.isnan(getattr(frame, name)) for frame in frames)]
+    unused = [name for name in others if not np.isnan(numbers_of(frames, name)).all()]
     if unused:
         say(f"{', '.join(unused)} {'is' if len(unused) == 1 else 'are'} not used: rig.json has no such sensor")
