@@ -175,7 +175,7 @@ CHANGES = (
         100.0,
         "%",
         1.0,
-        log_prior=4.0,
+        log_prior=2.0,
     ),
     Change(
         "other_diameter",
@@ -194,7 +194,7 @@ CHANGES = (
         100.0,
         "%",
         2.0,
-        log_prior=-2.0,
+        log_prior=0.5,  # a stiff antenna that gravity hardly bends does not tell it from another EI
     ),
     Change(
         "moment_zero",
