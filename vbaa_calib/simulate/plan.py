@@ -90,7 +90,7 @@ def _rig_truth(scene: SceneSpec, rod: Rod) -> dict[str, Any]:
             "clamp_angle_rad": scene.true.clamp_angle_rad.tolist(),
             "natural_curvature_per_m": rod.natural_curvature_per_m.tolist(),
         },
-        "moment_sensor": scene.moment and _plain(scene.moment),
+        "moment_sensor": scene.moment and {"std_Nm": scene.moment.std_Nm, **_plain(scene.moment)},
         "wrench_sensor": scene.wrench
         and _plain(scene.wrench) | {"T_antenna_sensor": scene.wrench.T_antenna_sensor.to_dict()},
         "object": _plain(scene.object) | {"bumps": [_plain(bump) for bump in scene.object.bumps]},
