@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vbaa_calib.core.errors import InputError
-from vbaa_calib.sources import PictureSource, SourceLost, live
+from vbaa_calib.core.errors import Disconnected, InputError
+from vbaa_calib.sources import PictureSource, live
 from vbaa_calib.sources.files import _without_secrets
 from vbaa_calib.sources.live import StreamSettings, open_camera, open_stream
 
@@ -112,7 +112,7 @@ def test_the_newest_frame_is_given_and_old_ones_are_dropped(plug) -> None:
 def test_an_unplugged_camera_is_told_soon(plug, play: str, words: str) -> None:
     fake = plug(["go"] * 5 + [play])
     source = open_camera(0, patience=QUICK)
-    with pytest.raises(SourceLost, match=f"{words}; check cable and plug"):
+    with pytest.raises(Disconnected, match=f"{words}; check cable and plug"):
         use_up(source)
     assert fake.released == (play != "hang")
 
@@ -131,7 +131,7 @@ def test_a_camera_that_does_not_start_is_refused(plug, plays: list[str], opens: 
     with pytest.raises(InputError, match=words) as raised:
         open_camera(0, patience=QUICK)
     assert raised.value.remedy
-    assert not isinstance(raised.value, SourceLost)
+    assert not isinstance(raised.value, Disconnected)
 
 
 PATIENT = StreamSettings(open_s=2.0, silence_s=1.5, failures=1, retries_s=(0.05, 0.1))
@@ -202,7 +202,7 @@ def test_a_stream_gives_frames_and_never_shows_its_password(server: Camera) -> N
 def test_a_stream_that_breaks_off_is_reached_again_then_lost(server: Camera, capfd: pytest.CaptureFixture[str]) -> None:
     server.frames, server.connections = 12, 3
     source = open_stream(server.url, patience=PATIENT)
-    with pytest.raises(SourceLost, match="broke off and cannot be reached again") as raised:
+    with pytest.raises(Disconnected, match="broke off and cannot be reached again") as raised:
         use_up(source)
     assert "s3cret" not in str(raised.value)
     assert len(source.notes) == 3  # the last one for good

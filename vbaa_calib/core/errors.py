@@ -96,6 +96,10 @@ def sentence_of(error: BaseException) -> str | None:
     return None
 
 
+class Disconnected(InputError):
+    """A source of pictures or a scheduler is gone: unplugged, removed, ended."""
+
+
 class SolveError(VbaaError):
     """A solver did not reach a trustworthy solution."""
 

@@ -10,7 +10,7 @@ from typing import Protocol
 from vbaa_calib.core.errors import InputError, reason_of
 from vbaa_calib.core.images import SUFFIXES
 
-from .files import FolderSource, Picture, SourceLost, VideoSource, printable
+from .files import FolderSource, Picture, VideoSource, printable
 from .live import LiveSource, open_camera, open_stream, parse_camera
 
 
@@ -33,7 +33,7 @@ class PictureSource(Protocol):
         """Whether the source has ended."""
 
     def next(self, timeout_s: float) -> Picture | None:
-        """The next picture; None if there is no new one within the timeout. Raises SourceLost."""
+        """The next picture; None if there is no new one within the timeout. Raises Disconnected."""
 
     def close(self) -> None:
         """Releases the source; a second call does nothing."""

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from vbaa_calib.convert.child import read_in_child, read_video_head
-from vbaa_calib.core.errors import InputError, one_line, reason_of
+from vbaa_calib.core.errors import Disconnected, InputError, one_line, reason_of
 from vbaa_calib.core.files import most_memory, require_file
 from vbaa_calib.core.images import SUFFIXES, read_gray
 
@@ -47,10 +47,6 @@ def printable(text: str) -> str:
     """A text for a message: one line of at most 100 characters, without secrets."""
     line = one_line(_without_secrets(text))
     return line if len(line) <= _FILES.longest_name else f"{line[: _FILES.longest_name]}…"
-
-
-class SourceLost(InputError):
-    """Raised when a source delivers no more pictures: unplugged, disconnected, removed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +150,7 @@ class FolderSource:
         return not self._wait and all(watched.reported or name in self._seen for name, watched in self._watched.items())
 
     def next(self, timeout_s: float) -> Picture | None:
-        """The next complete picture. Raises SourceLost when the folder is gone."""
+        """The next complete picture. Raises Disconnected when the folder is gone."""
         until_s = time.monotonic() + timeout_s
         while True:
             # scanning thousands of files takes long: not while some are ready
@@ -196,7 +192,7 @@ class FolderSource:
             status = path.stat()
         except FileNotFoundError:
             del self._watched[name]
-            self._names(SourceLost)
+            self._names(Disconnected)
             return None
         except OSError as error:
             return self._failed(name, f"{name}: cannot be read ({error.strerror}); check its permissions")
@@ -226,7 +222,7 @@ class FolderSource:
 
     def _scan(self) -> None:
         now_s = self._scanned_s = time.monotonic()
-        there = set(filter(self._is_new, self._names(SourceLost)))
+        there = set(filter(self._is_new, self._names(Disconnected)))
         for name in sorted(there if self._wait else there & self._watched.keys()):
             state, watched = self._state(name), self._watched.get(name)
             if state is not None and (watched is None or watched.state != state):

@@ -17,9 +17,9 @@ from urllib.parse import parse_qsl, urlsplit
 import cv2
 import numpy as np
 
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import Disconnected, InputError
 
-from .files import Picture, SourceLost, frame_picture, printable, silence_opencv
+from .files import Picture, frame_picture, printable, silence_opencv
 
 _Fault = Literal["closed", "blank", "broken", "hung"]
 """Cannot be opened; opened but without any frame; its frames stopped; does not respond."""
@@ -101,12 +101,12 @@ class LiveSource:
         """The latest frame, after waiting for one if necessary: pixels, and its time since `start_s`; None if none
         comes.
 
-        Raises SourceLost if the device is gone.
+        Raises Disconnected if the device is gone.
         """
         frame, self._first = self._first or self._newest(timeout_s), None
         if frame is None and (fault := self._fault_now()) is not None:
             self.close()
-            raise self._error(SourceLost, fault)
+            raise self._error(Disconnected, fault)
         return frame
 
     def next(self, timeout_s: float) -> Picture | None:

@@ -11,8 +11,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from time import perf_counter
 
-from vbaa_calib.core.errors import InputError, clipped
-from vbaa_calib.sources.files import SourceLost
+from vbaa_calib.core.errors import Disconnected, InputError, clipped
 from vbaa_calib.sources.live import LiveSource
 
 from .messages import MESSAGES, Messages, MessageSource, Reading, Taken, line_messages, now_s
@@ -147,7 +146,7 @@ def open_device(camera: LiveSource) -> MessageSource:
                 pixels, taken_s = frame
                 at_s = start_s + taken_s
                 yield Taken(at_s, pixels, now_s(), begin_s + taken_s, waiting=camera.waiting)
-        except SourceLost as error:
+        except Disconnected as error:
             notes.append(str(error))
         finally:
             notes.extend(camera.notes[reported:])

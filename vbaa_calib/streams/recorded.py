@@ -23,12 +23,12 @@ import numpy as np
 from vbaa_calib.camera import Camera
 from vbaa_calib.convert.child import is_bag
 from vbaa_calib.core.csv_rows import csv_rows, header_of, number
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import Disconnected, InputError
 from vbaa_calib.core.files import require_file
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.session.tables import IN_DEGREES
 from vbaa_calib.sources import open_source
-from vbaa_calib.sources.files import FolderSettings, FolderSource, SourceLost, VideoSource
+from vbaa_calib.sources.files import FolderSettings, FolderSource, VideoSource
 from vbaa_calib.sources.live import LiveSource
 
 from .bags import Topics, open_bag
@@ -263,7 +263,7 @@ def _open_folder(path: Path, idle_s: float) -> MessageSource:
                 assert isinstance(picture.content, bytes)
                 yield Taken(written_s, read_picture(Path(picture.name), picture.content), now_s(), perf_counter())
             notes.append(f"{folder.name} gave nothing new for {idle_s:g} s")
-        except (SourceLost, OSError) as error:
+        except (Disconnected, OSError) as error:
             notes.append(str(error))
         notes.extend(folder.notes)
 

@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from vbaa_calib.core.errors import Diagnosis, InputError
+from vbaa_calib.core.errors import Diagnosis, Disconnected, InputError
 from vbaa_calib.core.images import read_gray
 from vbaa_calib.detect.quality.settings import QualitySettings
 from vbaa_calib.diagnose.typed_loads import typed_load_diagnoses
 from vbaa_calib.session import Load
-from vbaa_calib.sources import Picture, PictureSource, SourceLost
+from vbaa_calib.sources import Picture, PictureSource
 
 from .against_answers import jig_moved
 from .asking import show_axes
@@ -58,7 +58,7 @@ class Capture:
         """Takes pictures until the step ends: returns "closed", "again" (an answer was changed) or a command that
         leaves it.
 
-        Raises SourceLost, also where the source has ended before the step had enough pictures; InputError.
+        Raises Disconnected, also where the source has ended before the step had enough pictures; InputError.
         """
         self._show_last()
         while True:
@@ -102,7 +102,7 @@ class Capture:
             if not progress.usable:
                 what = f"{self.step.title}: {'; '.join(progress.missing) or 'no picture'}"
                 remedy = f"add pictures there and run it again: {progress.next}"
-                raise SourceLost(what, where=self.source.name, remedy=remedy)
+                raise Disconnected(what, where=self.source.name, remedy=remedy)
             return self._close("all pictures seen")
         return None
 

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from vbaa_calib.convert.child import is_bag
-from vbaa_calib.core.errors import InputError, VbaaError
+from vbaa_calib.core.errors import Disconnected, InputError, VbaaError
 from vbaa_calib.core.files import sha256
 from vbaa_calib.core.images import SUFFIXES
-from vbaa_calib.sources import PictureSource, SourceLost, VideoSource, open_source
+from vbaa_calib.sources import PictureSource, VideoSource, open_source
 
 from ..streams.pictures import BagPictures
 from .asking import answer_all, archive_unlisted, change, take_back
@@ -157,7 +157,7 @@ def _take_step(state: SessionState, ui: Ui, step: Step) -> str:
             if (ended := Capture(state, ui, step, source, table, wants_more).run()) != "again":
                 return ended
             lost = None
-        except SourceLost as error:
+        except Disconnected as error:
             if not ui.interactive:
                 raise
             ui.wrong(str(error))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from vbaa_calib.core.errors import InputError, VbaaError, require_extra
+from vbaa_calib.core.errors import Disconnected, InputError, VbaaError, require_extra
 from vbaa_calib.core.threads import cores
 from viz.batch import work
 from viz.batch.recordings import BatchRecording
@@ -33,11 +33,9 @@ class _PoolSettings:
 POOL = _PoolSettings()
 
 
-_LOST = "the scheduler is lost; run again to do what is missing"
-
-
-class Lost(VbaaError):
-    """Raised when the scheduler is gone, and with it the unfinished tasks."""
+def _lost() -> Disconnected:
+    """The error for a scheduler that is gone, and with it the unfinished tasks."""
+    return Disconnected("the scheduler is lost", remedy="run again to do what is missing")
 
 
 @dataclass(frozen=True)
@@ -122,7 +120,7 @@ def client_of(where: Where) -> Iterator[Client]:
 def run(
     client: Client, recordings: Sequence[BatchRecording], settings: BatchSettings, results: Results
 ) -> Iterator[Outcome]:
-    """Yields every recording's outcome as it comes. Raises Lost with the scheduler.
+    """Yields every recording's outcome as it comes. Raises Disconnected with the scheduler.
 
     A recording that lost its worker too often is done once more at the end, with no other next to it: a neighbour may
     have ended its workers.
@@ -151,7 +149,7 @@ def run(
 
 
 def _outcome(future: Future, recording: BatchRecording, client: Client, alone: bool) -> Outcome | None:
-    """The result of a recording's task; None if its worker was lost while others ran. Raises Lost."""
+    """The result of a recording's task; None if its worker was lost while others ran. Raises Disconnected."""
     from distributed import CancelledError, KilledWorker
 
     try:
@@ -163,7 +161,7 @@ def _outcome(future: Future, recording: BatchRecording, client: Client, alone: b
         words = f"its worker was lost {times} times: out of memory (--memory), or something crashes in {recording.path}"
         return work.failed(recording, VbaaError(words))
     except CancelledError as error:
-        raise Lost(_LOST) from error
+        raise _lost() from error
     except Exception as error:
         _workers(client)
         return work.failed(recording, error)
@@ -172,8 +170,9 @@ def _outcome(future: Future, recording: BatchRecording, client: Client, alone: b
 
 
 def _workers(client: Client) -> list[str]:
-    """The cluster's workers by address. Raises Lost where no scheduler answers, with whatever error dask reports it."""
+    """The cluster's workers by address. Raises Disconnected where no scheduler answers,
+    with whatever error dask reports it."""
     try:
         return list(client.nthreads())
     except Exception as error:
-        raise Lost(_LOST) from error
+        raise _lost() from error

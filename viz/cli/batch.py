@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vbaa_calib.core.errors import InputError, clipped, require_extra
+from vbaa_calib.core.errors import Disconnected, InputError, clipped, require_extra
 from vbaa_calib.core.files import require_file
 from viz.cli import streams
 from viz.cli.estimate import add_estimator_options
@@ -59,7 +59,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.core.console import say
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.core.files import require_file
-    from viz.batch.cluster import Lost, client_of, run
+    from viz.batch.cluster import client_of, run
     from viz.batch.recordings import recordings_of
     from viz.batch.results import Results
     from viz.batch.work import BatchSettings
@@ -99,7 +99,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
                 for outcome, line in _with_progress(ended, len(recordings)):
                     say(line)
                     outcomes.append(outcome)
-        except Lost as error:
+        except Disconnected as error:
             lost = str(error)
             say(f"warning: {lost}")
         finally:
