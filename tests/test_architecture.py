@@ -31,10 +31,10 @@ NATIVE = [path for kind in ("cpp", "hpp") for path in sorted((ROOT / "vbaa_calib
 CXX_CONSTANTS = re.compile(r"^(?:inline )?(?:constexpr|const) .*", re.MULTILINE)
 CXX_CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b(?=[^=;(,]*=)")
 MOST = {
-    "module constants": 890,
+    "module constants": 889,
     "class names used twice": 0,
-    "classes": 446,
-    "public names": 1109,
+    "classes": 445,
+    "public names": 1108,
     "private words": 53,
     "type: ignore": 4,
     "words on pages": 29961,
