@@ -70,10 +70,11 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
     def of_one(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch, model: str) -> Contact:
         """The result of one frame alone, as `contacts_of`."""
         rows, status, ordinary = _reported(numbers, rig, friction_rad, batch)
-        values = dict(zip(core.solver.REPORTED["names"], rows[0].item(), strict=True))
-        values |= {"status": str(status[0]), "model": RUNGS[int(numbers.rung[0])], "friction_prior_rad": friction_rad}
+        values, row = dict(zip(core.solver.REPORTED["names"], rows.item(), strict=True)), numbers.rows[0]
+        values["status"], values["model"] = str(status[0]), RUNGS[row["rung"]]
+        values["friction_prior_rad"], values["condition"] = friction_rad, float(row["condition"])
         more = rig, model, int(batch.outside_points[0]), None if batch.seen is None else batch.seen[0]
-        return _contact(values | {"condition": float(numbers.condition[0])}, None, numbers, 0, bool(ordinary[0]), more)
+        return _contact(values, None, numbers, 0, bool(ordinary[0]), more)
 
     @cached_property
     def _columns(self) -> dict[str, Any]:
@@ -99,7 +100,7 @@ def _contact(
     """The contact of one frame, from its numbers and status by name and the fit of that index. more : rig, the
     requested model, points outside the picture, and those that each of several cameras saw."""
     (rig, requested, outside, seen), row = more, numbers.rows[index]
-    bias = zip(RUNGS, row["bias"].tolist(), strict=True)
+    bias = dict(zip(RUNGS, row["bias"].tolist(), strict=True))
     status = "" if values["status"] == OK and ordinary else values["status"]
     words = reason(numbers, index, status, rig.antenna.length_m, requested)
     for count, which in ((outside, "outside the picture"), (int(row["outliers"]), "far from where the neighbours lie")):
@@ -114,7 +115,7 @@ def _contact(
         reason=words,
         outside_points=outside,
         end_used=abs(end_std) <= ContactSettings.outlying_end if math.isfinite(end_std) else None,
-        bias={rung: value for rung, value in bias if math.isfinite(value)},
+        bias={rung: value for rung, value in bias.items() if math.isfinite(value)},
         jacobian=jacobian,
     )
     return contact

@@ -316,8 +316,9 @@ class ContactEstimator:
         plain = batch.covariance_shape is None and batch.errors_Nm is None
         measured = batch.pixels(self._rig_arrays) if plain else batch.frames(self._rig_arrays)
         fitted = self._solved(measured, batch.start, beam)
-        if not len(doubted := np.flatnonzero(unexplained(fitted, core.solver.DOUBTED))):
+        if not (doubts := unexplained(fitted, core.solver.DOUBTED)).any():
             return fitted
+        doubted = np.flatnonzero(doubts)
         whole, fitted, batch = fitted, fitted.picked(doubted), batch.picked(doubted)
         frames = batch.frames(self._rig_arrays)
         frames = without_outliers(batch, frames, fitted, self._rung, lambda some: self._solved(some, None, beam))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -220,11 +221,11 @@ class Batch(Rows):
         width, height = rig.camera.image_size
         if disordered[0] or not (left >= 0.0 and top >= 0.0 and right <= width and bottom <= height):
             return None
-        columns = np.full((1, len(READINGS)), np.nan)
-        columns[0, :2] = moment if rig.moment_sensor.exists else np.nan, moment_z
-        pan, tilt = np.array([joints]).T
+        nothing = [math.nan] * (len(READINGS) - 2)
+        columns = np.array([[moment if rig.moment_sensor.exists else math.nan, moment_z, *nothing]])
+        pan, tilt = np.array(joints)[:, None]
         sigma = np.full(points.shape[:2], rig.image.noise_px)
-        return Batch(points, sigma, columns, np.full((1, 3), np.nan), pan, tilt, np.zeros(1, int))
+        return Batch(points, sigma, columns, columns[:, -3:], pan, tilt, np.zeros(1, int))
 
     @staticmethod
     def checked(

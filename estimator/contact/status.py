@@ -41,7 +41,7 @@ def reported(
     """
     limits, names = _limits()
     places, noticed = core.solver.report(limits, numbers.rows, *world, units, columns)
-    return names[places], noticed & core.solver.OUT_OF_ORDINARY == 0
+    return names[places], (noticed & core.solver.OUT_OF_ORDINARY) == 0
 
 
 def unexplained(numbers: FitNumbers, bits: int = core.solver.UNEXPLAINED) -> np.ndarray:
@@ -64,7 +64,8 @@ def reason(several: FitNumbers, index: int, status: str, length_m: float, reques
     """The reason of one frame: why it is not ok, or which model was used and why, and further remarks. status : ""
     for a frame that is ok and ordinary."""
     if not status:
-        return _model(int(several.rung[index]), several.bias[index].tolist(), requested)
+        row = several.rows[index]
+        return _model(int(row["rung"]), row["bias"].tolist(), requested)
     numbers = several.row(index)
     if status == NO_ANTENNA:
         return f"only {numbers.points[0]} usable centreline points"

@@ -47,7 +47,7 @@ def solve(
         core.solver.solve(rigs, measured, begin, end, rung, starts, pieces, found.rows)
 
     in_threads(work, count, jobs)
-    found.rig_axes[:] = rig_arrays.independent
+    found.rows["rig_axes"] = rig_arrays.independent
     return found
 
 

@@ -78,7 +78,7 @@ class FitNumbers:
     @staticmethod
     def empty(count: int) -> FitNumbers:
         """The numbers of `count` frames without a fit: NaN, 0 and False."""
-        return FitNumbers(_without_fit().repeat(count))
+        return FitNumbers(_without_fit().copy() if count == 1 else _without_fit().repeat(count))
 
     @staticmethod
     def joined(several: Sequence[FitNumbers]) -> FitNumbers:

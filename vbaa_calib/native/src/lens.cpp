@@ -156,8 +156,9 @@ template <class T>
             if (!searched(lens, x[lane], y[lane], ideal_x, ideal_y)) continue;
             found.x[lane] = S(ideal_x), found.y[lane] = S(ideal_y), found.valid[lane] = true;
         }
+        bent = distorted(lens, found.x, found.y);
     }
-    found.at = on_sensor(lens, found.x, found.y);
+    found.at = on_sensor<T>(lens, bent);
     found.valid &= found.at.depth > T{} + S(LEAST_DEPTH);  // not a tilted sensor's horizon
     return found;
 }

@@ -185,8 +185,7 @@ struct Sensed : Mapped<T> {
 };
 
 template <class T>
-Sensed<T> on_sensor(const Model& model, T x, T y) {
-    const Mapped<T> bent = distorted(model, x, y);
+Sensed<T> on_sensor(const Model& model, const Mapped<T>& bent) {
     T depth = T{} + Number<T>(1);
     if (!model.tilted) return {bent, bent, bent, depth};
     const Mapped<T> t = tilted(model, bent.x, bent.y, depth);
@@ -197,6 +196,11 @@ Sensed<T> on_sensor(const Model& model, T x, T y) {
                              t.yx * bent.xx + t.yy * bent.yx,
                              t.yx * bent.xy + t.yy * bent.yy};
     return {whole, bent, t, depth};
+}
+
+template <class T>
+Sensed<T> on_sensor(const Model& model, T x, T y) {
+    return on_sensor(model, distorted(model, x, y));
 }
 
 // put(i, x, y): d(point on the sensor)/d(coefficient i) of a chart point (x, y) at `at`, for each coefficient.
