@@ -64,8 +64,11 @@ class SurfaceSettings:
     most_equations: int = 480  # of the search for the smoothness: three numbers need no more
     incline: float = 2.0  # prior standard deviation of the trend's slope over the tangent plane
     rougher: float = 1e-4  # least part of the touches' variance that is noise, in the search
-    search_ends: float = 1e-6  # change of that, in parts, at which a descent leaves the rest to Newton's method,
-    polishing_steps: int = 4  # in so many steps
-    contracted: float = 0.3  # of the last two, above which second derivatives are taken anew
-    difference_step: float = 1e-3  # of its derivatives
-    longest_step: float = 0.5  # that is believed
+    fewest_thinned: int = 240  # of the equations from which on a part leads to where the search by all begins,
+    thinned: int = 3  # one of so many
+    difference_step: float = 1e-3  # of the objective's first second derivatives,
+    least_bend: float = 1.0  # at least that
+    longest_step: float = 1.0  # of the search
+    search_steps: int = 60  # after which it ends,
+    search_ends: float = 1e-4  # or after a step as small
+    lost_digits: float = 1e-9  # of the objective, in parts

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import LinAlgError, block_diag, cho_solve, cholesky, solve_triangular
 from scipy.linalg.lapack import dpotri, dtrtri
-from scipy.optimize import minimize
 
 from estimator.object.surface.settings import SurfaceSettings
 from vbaa_calib.core.arrays import Rows
@@ -23,6 +22,7 @@ from vbaa_calib.native import core
 # standard deviations of these logarithms; and their bounds
 _BEST, _WIDTH = np.log([0.7, 0.2, 0.01]), np.array([1.2, 1.5, 1.5])
 _LOWEST, _HIGHEST = np.log([0.03, 1e-4, 1e-4]), np.log([30.0, 100.0, 3.0])
+_Improbability = Callable[[np.ndarray], tuple[float, np.ndarray]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,89 +200,105 @@ def learn_prior(
     equations: ShapeEquations, extent_m: float, start: SmoothnessPrior | None, yield_per_N: float
 ) -> SmoothnessPrior:
     """The most probable prior of a patch. start : an earlier one. extent_m : the
-    patch's. yield_per_N : the largest compliance, m/N, zero for none."""
+    patch's. yield_per_N : the largest compliance, m/N, zero for none.
+
+    A part of the equations leads to where the search by all of them begins.
+    """
     extent_m = max(extent_m, 1e-3)
     count = min(len(equations), SurfaceSettings.most_equations)
     # at random: evenly spaced ones of strokes that repeat would all lie at the same places
-    thin = np.sort(np.random.default_rng(0).choice(len(equations), count, replace=False))
-    rows, y, slack = equations.rows.picked(thin), equations.y[thin], equations.slack[thin]
-    modes = np.column_stack([equations.modes[thin], yield_per_N * equations.force_N[thin]])
-    fixed = equations.noise[np.ix_(thin, thin)] + modes @ modes.T
-    free = 3 if slack.any() else 2
+    chosen = np.sort(np.random.default_rng(0).choice(len(equations), count, replace=False))
+    free = 3 if equations.slack[chosen].any() else 2
 
     def prior_of(logs: np.ndarray) -> SmoothnessPrior:
         length, amplitude, turn = np.exp(np.clip(np.concatenate([logs, _BEST[len(logs) :]]), _LOWEST, _HIGHEST))
         lengths_m = length * extent_m, amplitude * extent_m, 10 * extent_m
         return SmoothnessPrior(*lengths_m, SurfaceSettings.incline, float(turn))
 
-    def improbability(logs: np.ndarray) -> tuple[float, np.ndarray]:
-        """The negative log posterior and its gradient (Rasmussen and Williams, Eqs. 2.43 and 5.9).
+    def improbability_by(thin: np.ndarray) -> _Improbability:
+        """The negative log posterior by some of the equations, and its gradient (Rasmussen and Williams, Eqs. 2.43 and
+        5.9), as a function of the logarithms.
 
         The trend's variance is so large that in one sum with the rest it would take half of the digits.
         """
-        prior = prior_of(logs)
-        shape, by_log_length = core.surface.covariance(rows, rows, replace(prior, offset_m=0.0, incline=0.0), True)
-        doubt = (prior.slack_rad * slack) ** 2
-        whole = shape + fixed
-        np.einsum("mm->m", whole)[:] += doubt
-        try:
-            lower = _factor(whole)
-        except LinAlgError:
-            # a search that meets a wall stops there: somewhat rougher numbers lead on
-            lower = np.linalg.cholesky(whole + SurfaceSettings.rougher * np.diag(np.diag(whole)))
-        # the columns H in the middle have the trend's covariance H·Hᵀ
-        trend = np.column_stack([prior.offset_m * rows.value, prior.incline * rows.of_lines])
-        white = solve_triangular(lower, np.column_stack([trend, y]), lower=True, check_finite=False)
-        lines, seen = white[:, :-1], white[:, -1]
-        inverse = dpotri(lower, lower=1)[0]  # zeros above
-        inverse = inverse + inverse.T
-        np.einsum("mm->m", inverse)[:] *= 0.5
-        inner = np.linalg.cholesky(np.eye(lines.shape[1]) + lines.T @ lines)
-        course = cho_solve((inner, True), lines.T @ seen)
-        rest = seen - lines @ course
-        weights = solve_triangular(lower, rest, lower=True, trans="T", check_finite=False)
-        unlikely = 0.5 * float(rest @ rest + course @ course)
-        unlikely += float(np.log(np.diag(lower)).sum() + np.log(np.diag(inner)).sum())
-        along = solve_triangular(inner, trend.T @ inverse, lower=True)
-        taken = np.vstack([along, weights])
-        left = inverse - taken.T @ taken
-        slopes = np.array([np.vdot(left, by_log_length), 2.0 * np.vdot(left, shape), 2.0 * np.diag(left) @ doubt])
-        away = (logs - _BEST[:free]) / _WIDTH[:free]
-        return unlikely + 0.5 * float(away @ away), 0.5 * slopes[:free] + away / _WIDTH[:free]
+        rows, y, slack = equations.rows.picked(thin), equations.y[thin], equations.slack[thin]
+        modes = np.column_stack([equations.modes[thin], yield_per_N * equations.force_N[thin]])
+        fixed = equations.noise[np.ix_(thin, thin)] + modes @ modes.T
 
-    first, low, high = _BEST[:free], _LOWEST[:free], _HIGHEST[:free]
+        def improbability(logs: np.ndarray) -> tuple[float, np.ndarray]:
+            prior = prior_of(logs)
+            shape, by_log_length = core.surface.covariance(rows, rows, replace(prior, offset_m=0.0, incline=0.0), True)
+            doubt = (prior.slack_rad * slack) ** 2
+            whole = shape + fixed
+            np.einsum("mm->m", whole)[:] += doubt
+            try:
+                lower = _factor(whole)
+            except LinAlgError:
+                # a search that meets a wall stops there: somewhat rougher numbers lead on
+                lower = np.linalg.cholesky(whole + SurfaceSettings.rougher * np.diag(np.diag(whole)))
+            # the columns H in the middle have the trend's covariance H·Hᵀ
+            trend = np.column_stack([prior.offset_m * rows.value, prior.incline * rows.of_lines])
+            white = solve_triangular(lower, np.column_stack([trend, y]), lower=True, check_finite=False)
+            lines, seen = white[:, :-1], white[:, -1]
+            inverse = dpotri(lower, lower=1)[0]  # zeros above
+            inverse = inverse + inverse.T
+            np.einsum("mm->m", inverse)[:] *= 0.5
+            inner = np.linalg.cholesky(np.eye(lines.shape[1]) + lines.T @ lines)
+            course = cho_solve((inner, True), lines.T @ seen)
+            rest = seen - lines @ course
+            weights = solve_triangular(lower, rest, lower=True, trans="T", check_finite=False)
+            unlikely = 0.5 * float(rest @ rest + course @ course)
+            unlikely += float(np.log(np.diag(lower)).sum() + np.log(np.diag(inner)).sum())
+            along = solve_triangular(inner, trend.T @ inverse, lower=True)
+            taken = np.vstack([along, weights])
+            left = inverse - taken.T @ taken
+            slopes = np.array([np.vdot(left, by_log_length), 2.0 * np.vdot(left, shape), 2.0 * np.diag(left) @ doubt])
+            away = (logs - _BEST[:free]) / _WIDTH[:free]
+            return unlikely + 0.5 * float(away @ away), 0.5 * slopes[:free] + away / _WIDTH[:free]
+
+        return improbability
+
+    first = _BEST[:free]
     if start is not None:
         first = np.log([start.length_m / extent_m, start.amplitude_m / extent_m, start.slack_rad])[:free]
-    bounds = list(zip(low, high, strict=True))
-    options = {"ftol": SurfaceSettings.search_ends}
-    found = minimize(
-        improbability, np.clip(first, low, high), jac=True, method="L-BFGS-B", bounds=bounds, options=options
-    )
-    return prior_of(_newton(found.x, lambda logs: improbability(logs)[1]))
+    first, bend = np.clip(first, _LOWEST[:free], _HIGHEST[:free]), None
+    if count >= SurfaceSettings.fewest_thinned:
+        first, bend = _lowest(improbability_by(chosen[:: SurfaceSettings.thinned]), first)
+        bend = SurfaceSettings.thinned * bend
+    return prior_of(_lowest(improbability_by(chosen), first, bend)[0])
 
 
-def _newton(logs: np.ndarray, slope_at: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """The zero of the gradient by Newton's method, with second derivatives as where it begins while they serve: the
-    preceding search stops before the objective is lost in rounding."""
+def _lowest(
+    improbability: _Improbability, logs: np.ndarray, bend: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Logarithms within bounds at which the objective is least, from near ones and its second derivatives (by
+    differences unless they come along), and the latter as they are then known: by BFGS's method. Where the objective
+    is lost in rounding the gradient leads on."""
     low, high = _LOWEST[: len(logs)], _HIGHEST[: len(logs)]
-    steps, bend = [SurfaceSettings.longest_step], np.zeros((0, 0))
-    while len(steps) <= SurfaceSettings.polishing_steps:
-        inside = np.flatnonzero((logs > low) & (logs < high - SurfaceSettings.difference_step))
-        if not len(inside):
+    value, slope = improbability(logs)
+    if bend is None:
+        moves = SurfaceSettings.difference_step * np.eye(len(logs))
+        bend = np.array([improbability(logs + move)[1] - slope for move in moves]) / SurfaceSettings.difference_step
+    values, axes = np.linalg.eigh(0.5 * (bend + bend.T))
+    bend = (axes * np.maximum(np.abs(values), SurfaceSettings.least_bend)) @ axes.T
+    longest = SurfaceSettings.longest_step
+    for _ in range(SurfaceSettings.search_steps):
+        free = ((logs > low) | (slope < 0.0)) & ((logs < high) | (slope > 0.0))
+        step = np.zeros(len(logs))
+        step[free] = -np.linalg.solve(bend[np.ix_(free, free)], slope[free])
+        step *= min(1.0, longest / max(np.abs(step).max(), 1e-300))
+        moved = np.clip(logs + step, low, high) - logs
+        size = float(np.abs(moved).max())
+        there, slope_there = improbability(logs + moved)
+        turned = slope_there - slope
+        if (curvature := float(moved @ turned)) > 0.0:
+            along = bend @ moved
+            bend = bend + np.outer(turned, turned) / curvature - np.outer(along, along) / float(moved @ along)
+        if there <= value + SurfaceSettings.lost_digits * abs(value):
+            logs, value, slope = logs + moved, there, slope_there
+            longest = min(max(longest, 2.0 * size), SurfaceSettings.longest_step)
+        else:
+            longest = 0.3 * size
+        if size < SurfaceSettings.search_ends:
             break
-        slope = slope_at(logs)
-        if len(bend) != len(inside) or steps[-1] > SurfaceSettings.contracted * steps[-2]:
-            moves = SurfaceSettings.difference_step * np.eye(len(logs))[inside]
-            bend = np.array([(slope_at(logs + move) - slope)[inside] for move in moves])
-            bend = 0.5 * (bend + bend.T) / SurfaceSettings.difference_step
-            if np.linalg.eigvalsh(bend)[0] <= 0.0:
-                break
-        step = np.linalg.solve(bend, -slope[inside])
-        steps.append(float(np.abs(step).max()))
-        if steps[-1] > steps[0]:
-            break
-        logs = logs.copy()
-        logs[inside] += step
-        if steps[-1] < SurfaceSettings.difference_step:
-            break
-    return np.clip(logs, low, high)
+    return logs, bend
