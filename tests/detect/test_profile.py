@@ -108,6 +108,22 @@ def test_a_bent_thick_line_is_not_drawn_to_the_inside_of_its_bend() -> None:
         assert abs(aside(path, line.points_px).mean()) < 0.008
 
 
+def test_a_thick_line_that_comes_nearer_is_measured_in_its_middle() -> None:
+    """Perspective: it grows ever faster. A profile that crosses it at a slant meets one edge where it is broader."""
+    path, fine = straight(-38.0, 240.0), 4
+    v, u = (np.mgrid[: fine * SIZE[0], : fine * SIZE[1]] + 0.5) / fine - 0.5
+    direction = (path[1] - path[0]) / 240.0
+    along = (u - path[0, 0]) * direction[0] + (v - path[0, 1]) * direction[1]
+    off = np.abs((v - path[0, 1]) * direction[0] - (u - path[0, 0]) * direction[1])
+    covered = (off < 9.0 / (1.0 - 0.55 * np.clip(along / 240.0, 0.0, 1.0)) / 2.0) & (along > 0.0) & (along < 240.0)
+    light = cv2.GaussianBlur(60.0 + 120.0 * covered, (0, 0), 0.8 * fine)
+    light = light.reshape(SIZE[0], fine, SIZE[1], fine).mean(axis=(1, 3))
+    line = measure(exposed(light, np.random.default_rng(1)), path, 14.0)
+    share = (line.points_px - path[0]) @ direction / 240.0
+    for part in (share < 0.4, share > 0.6):
+        assert abs(np.median(aside(path, line.points_px)[part])) < 0.03
+
+
 @pytest.mark.parametrize("beside_px", [-1.0, 2.0])
 def test_an_objects_edge_along_the_antenna_is_doubt(beside_px: float) -> None:
     """It draws all points along it the same way, which the profiles' residuals hardly show."""

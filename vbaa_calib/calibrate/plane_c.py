@@ -156,7 +156,8 @@ def find_plane(
             estimate, by_over = solve_over_board(over, setup, fused(estimates) if estimates else None)
         except InputError as error:
             if not estimates:
-                raise
+                what = "; ".join([*(one.words for one in unused), error.what])
+                raise InputError(what, remedy=error.remedy) from None
             what = f"the board under the antenna was not used: {error.what}"
             unused.append(Diagnosis("over_unused", what, error.remedy or ""))
         else:

@@ -46,8 +46,14 @@ void distances(const Crossings& found, int n, double centre, Vector across);
 // where a profile crosses it at a slant it meets one edge where the line is broader.
 void in_width(Crossings& found, int n, double width, double growth);
 
-// The same with distances in widths of a line that grows broader by this part of its width on its way.
-Crossings tapered(const Crossings& found, double part);
+// How a line's width changes on its way: by this part of it from start to end, and `bend` times the square of the share
+// of the way, from its middle. Perspective makes the nearer end grow faster.
+struct Taper {
+    double part = 0.0, bend = 0.0;
+};
+
+// The same with distances in widths of a line that tapers.
+Crossings tapered(const Crossings& found, const Taper& taper);
 
 // (N, 2) the points moved along their profiles by (N,).
 Array<double, 2> moved(const Crossings& found, ConstVector shift);

@@ -314,12 +314,11 @@ Observed observed(const CrossSection& section, const Crossings& found, ConstVect
     const int count = found.profiles.shape[0], length = found.profiles.shape[1];
     const Numbers share = shares(found);
     const Pixels pixels(length);
-    Observed seen = {Table(count, length), 0.0};
+    Observed seen = {Table(count, length), {}};
     Numbers across(pixels.padded);
     Table rows(2, pixels.padded);  // the shape, and its change with the width
     double *const shape = rows.row(0).data, *const change = rows.row(1).data;
-    // sums of information, and of it and of the slopes by share
-    double informed = 0.0, by_share = 0.0, by_square = 0.0, slopes = 0.0, slopes_by_share = 0.0;
+    double informed[3][3] = {}, slopes[3] = {};  // by the width, its taper, and the taper's bend
     for (int n : places(chosen)) {
         distances(found, n, centre[n], Vector(across.begin(), {length}));
         look_up(section, n, across, shape, change);
@@ -336,16 +335,22 @@ Observed observed(const CrossSection& section, const Crossings& found, ConstVect
         // less what the height makes of it
         const double information = (ww - vw * vw / vv) * square(fits.height[n]);
         const double toward = (rw - rv * vw / vv) * fits.height[n];
-        informed += information;
-        by_share += information * share[n];
-        by_square += information * square(share[n]);
-        slopes += toward;
-        slopes_by_share += toward * share[n];
+        const double along = share[n] - 0.5, terms[3] = {1.0, along, along * along - 1.0 / 12.0};
+        for (int i = 0; i < 3; ++i) {
+            slopes[i] += toward * terms[i];
+            for (int j = 0; j < 3; ++j) informed[i][j] += information * terms[i] * terms[j];
+        }
     }
-    const double middle = by_share / std::max(informed, 1e-9);
-    const double prior = square(central(selected(fits.rms, chosen)) / TAPER_STD);
-    const double variance = by_square - 2.0 * middle * by_share + middle * middle * informed;
-    seen.taper = bounded((slopes_by_share - middle * slopes) / std::max(variance + prior, 1e-9), -MAX_TAPER, MAX_TAPER);
+    const double prior = std::max(square(central(selected(fits.rms, chosen)) / TAPER_STD), 1e-9);
+    const double whole = std::max(informed[0][0], 1e-9);
+    // less what the width makes of it
+    const auto left = [&](int i, int j) {
+        return informed[i][j] - informed[i][0] * informed[0][j] / whole + (i == j ? prior : 0.0);
+    };
+    const auto pull = [&](int i) { return slopes[i] - informed[i][0] * slopes[0] / whole; };
+    const double determinant = left(1, 1) * left(2, 2) - square(left(1, 2));
+    seen.taper.part = bounded((left(2, 2) * pull(1) - left(1, 2) * pull(2)) / determinant, -MAX_TAPER, MAX_TAPER);
+    seen.taper.bend = bounded((left(1, 1) * pull(2) - left(1, 2) * pull(1)) / determinant, -MAX_TAPER, MAX_TAPER);
     return seen;
 }
 

@@ -92,7 +92,7 @@ Fits fit(const CrossSection& section, const Crossings& found, ConstVector centre
 // What profiles show of the line, whatever it was fitted with.
 struct Observed {
     Table heights;  // (N, T) grey levels less the background, over the line's height; zeros where not chosen
-    double taper;   // part by which the line is broader at the path's end than at its start, to first order
+    Taper taper;    // to first order
 };
 
 Observed observed(const CrossSection& section, const Crossings& found, ConstVector centre, const Fits& fits,

@@ -186,7 +186,7 @@ Lines symmetric_lines(Learned learned, const Measuring& how) {
 // Lines of an antenna with its own reflectance.
 Lines changing_lines(const Crossings& untapered, const Measuring& how, const KnownCourse& known) {
     LearnedReflectance learned = learn_reflectance(untapered, {how.width_px, ORDINARY_BLUR_PX}, known);
-    const Crossings found = tapered(untapered, learned.taper);
+    const Crossings found = tapered(untapered, {learned.taper});
     const int all = found.along.size(), length = found.profiles.shape[1];
     const Reflectance& reflectance = learned.reflectance;
     Lines lines;

@@ -294,8 +294,8 @@ Numbers improved_course(const Learning& now, const Solved& found) {
 // One pass: coefficients, and after the first pass the shape and the course, from equations at the present ones.
 void improve(Learning& now, bool first) {
     const int count = now.course.size(), length = now.some.profiles.shape[1];
-    const Equations equations =
-        normal_equations(tapered(now.some, now.taper()), now.course, now.silhouette, now.coefficients, length / 2 + 2);
+    const Equations equations = normal_equations(tapered(now.some, {now.taper()}), now.course, now.silhouette,
+                                                 now.coefficients, length / 2 + 2);
     const Numbers over_noise = each(count, [&](int n) { return now.weight[n] / square(now.noise); });
     const Equations local = with_neighbours(equations, over_noise, now.near, now.likely, now.contrast);
     const Shape change = first ? Shape{} : shape_step(local, now.moved, now.near);
@@ -384,7 +384,7 @@ LearnedReflectance learn_reflectance(const Crossings& found, const Silhouette& i
     };
     Numbers weight = all_along(part.weight), course = all_along(part.course);
     for (int n = 0; n < count; ++n) weight[n] *= found.inside[n] / square(part.noise);
-    const Crossings broadening = tapered(found, part.taper());
+    const Crossings broadening = tapered(found, {part.taper()});
     const int near = static_cast<int>(std::rint(0.5 * WINDOW_PX));
     CrossSection section;
     section.values = blurred_polynomials(part.silhouette, found.profiles.shape[1] / 2 + 2);
