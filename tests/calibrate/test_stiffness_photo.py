@@ -145,13 +145,13 @@ def test_real_lines_run_where_a_person_draws_them(name: str) -> None:
     assert np.median(np.abs(apart)) < 1.25
 
 
-@pytest.mark.parametrize("samples", [(2, 2), pytest.param((4, 5), marks=pytest.mark.slow)])
-def test_one_yarn_is_as_stiff_at_either_length(samples: tuple[int, int]) -> None:
+@pytest.mark.parametrize("most", [2, pytest.param(5, marks=pytest.mark.slow)])
+def test_one_yarn_is_as_stiff_at_either_length(most: int) -> None:
     """Random effects: each length's mean of 1/EI per weight, with the scatter of its own samples."""
     means = []
-    for length, count in zip((10, 20), samples, strict=True):  # the tip of 10cm_5 is not in its picture
+    for length, samples in ((10, (1, 2, 3, 4)), (20, (4, 1, 2, 3, 5))):  # the tip of 10cm_5 is not in its picture
         setting = PhotoSetting(0.01 * length)
-        found = [solve_photo([photographed(f"{length}cm_{n}")], setting) for n in range(1, count + 1)]
+        found = [solve_photo([photographed(f"{length}cm_{n}")], setting) for n in samples[:most]]
         value, variance = (np.array(each) for each in zip(*((f.inverse, f.inverse_std**2) for f in found), strict=True))
         fixed = np.average(value, weights=1.0 / variance)
         excess = np.sum((value - fixed) ** 2 / variance) - (len(value) - 1)
