@@ -130,8 +130,9 @@ def unknowns_of(frames: Frames, table: ContactTable, rows: np.ndarray) -> np.nda
     unknowns[:, 1:3] = force / rig_arrays.force_unit_N
     if rig_arrays.friction_rad > 0.0:
         unknowns[:, 3] = np.nan_to_num(table.friction_angle_rad[rows]) / rig_arrays.friction_rad
+    exact = replace(frames, rig_arrays=rig_arrays.exact)  # the rig's own errors turn no push
     for _ in range(ContactSettings.force_steps):
-        there = linearised(frames, _RUNG, unknowns)
+        there = linearised(exact, _RUNG, unknowns)
         step = np.linalg.solve(there.columns[:, 4:6, 1:3], (force - there.point_force[:, 4:6])[..., None])
         unknowns[:, 1:3] += step[..., 0]
     return unknowns

@@ -128,7 +128,8 @@ def fit(
             if prior is None or turn < SurfaceSettings.learning_rounds:
                 extent = float(np.linalg.norm(np.ptp(local.point_m[:, : patch.dimensions], axis=0)))
                 largest = extent / max(float(np.abs(stated.force_N).max()), 1e-12)
-                prior = learn_prior(stated, extent, prior, largest if yielding else 0.0)
+                roughly = turn < SurfaceSettings.learning_rounds - 1  # the shape is far off yet
+                prior = learn_prior(stated, extent, prior, largest if yielding else 0.0, roughly)
             priors.append(prior)
             equations.append(stated)
         solution = solve(tuple(equations), tuple(priors), yielding)

@@ -197,12 +197,11 @@ def solve(every: tuple[ShapeEquations, ...], priors: tuple[SmoothnessPrior, ...]
 
 
 def learn_prior(
-    equations: ShapeEquations, extent_m: float, start: SmoothnessPrior | None, yield_per_N: float
+    equations: ShapeEquations, extent_m: float, start: SmoothnessPrior | None, yield_per_N: float, roughly: bool
 ) -> SmoothnessPrior:
     """The most probable prior of a patch. start : an earlier one. extent_m : the
-    patch's. yield_per_N : the largest compliance, m/N, zero for none.
-
-    A part of the equations leads to where the search by all of them begins.
+    patch's. yield_per_N : the largest compliance, m/N, zero for none. roughly : whether by a part of the equations,
+    which else leads to where the search by all of them begins.
     """
     extent_m = max(extent_m, 1e-3)
     count = min(len(equations), SurfaceSettings.most_equations)
@@ -265,6 +264,8 @@ def learn_prior(
     if count >= SurfaceSettings.fewest_thinned:
         first, bend = _lowest(improbability_by(chosen[:: SurfaceSettings.thinned]), first)
         bend = SurfaceSettings.thinned * bend
+        if roughly:
+            return prior_of(first)
     return prior_of(_lowest(improbability_by(chosen), first, bend)[0])
 
 
