@@ -33,7 +33,7 @@ CXX_CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b(?=[^=;(,]*=)")
 MOST = {
     "module constants": 889,
     "class names used twice": 0,
-    "classes": 445,
+    "classes": 444,
     "public names": 1108,
     "private words": 53,
     "type: ignore": 4,

@@ -207,7 +207,8 @@ def real_gravity(gravity: np.ndarray) -> np.ndarray:
 
 class Within:
     """Annotation of a field of a file: its bounds and description, as pydantic's `Field` takes them, and what else its
-    numbers must be. Numbers are finite, and no number is a boolean or a text. pydantic loads with the first file."""
+    numbers must be. Numbers are finite, and no number is a boolean or a text; an array is a list of them, each within
+    the bounds. pydantic loads with the first file."""
 
     def __init__(self, check: Callable[[Any], Any] | None = None, **bounds: Any) -> None:
         self._check, self._bounds = check, bounds
@@ -217,6 +218,9 @@ class Within:
 
         plain = ([Strict()] if kind in (float, int, bool) else []) + ([AllowInfNan(False)] if kind is float else [])
         last = [] if self._check is None else [AfterValidator(self._check)]
+        if kind is np.ndarray:
+            number = Annotated[float, Strict(), AllowInfNan(False), Field(**self._bounds)]
+            return handler.generate_schema(Annotated[list[number], AfterValidator(np.array), *last])
         return handler.generate_schema(Annotated[(kind, *plain, Field(**self._bounds), *last)])
 
 

@@ -39,9 +39,9 @@ class Tip:
     covariance : (17 + P + W,) with the parameters of the rig's joint covariance, and of its wrench sensor.
     """
 
-    offset_m: float
-    std_m: float
-    covariance: np.ndarray
+    offset_m: Annotated[float, Within(ge=-1, le=1)]
+    std_m: Annotated[float, Within(gt=0, le=1)]
+    covariance: Annotated[np.ndarray, Within(ge=-1e12, le=1e12)]
 
     def __post_init__(self) -> None:
         size = np.shape(self.covariance)

@@ -560,7 +560,7 @@ class Rig:
             lens = slice(len(RIG_PARAMETERS), None)
             camera = replace(camera, covariance=covariance[lens, lens])
         _check_view(read.T_antenna_camera, read.antenna.length_m, where)
-        sensor, axes, tip = read.moment_sensor, read.kinematics.axes_uncertainty, read.antenna.tip
+        sensor, axes = read.moment_sensor, read.kinematics.axes_uncertainty
         try:
             return Rig(
                 camera=camera,
@@ -575,7 +575,7 @@ class Rig:
                 covariance=covariance,
                 wrench_sensor=read.wrench,
                 drift=read.drift,
-                tip=None if tip is None else Tip(tip.offset_m, tip.std_m, np.array(tip.covariance, float)),
+                tip=read.antenna.tip,
                 clamp=read.clamp,
                 antennas={name: (each.antenna(), each.parameters_std) for name, each in read.antennas.items()},
                 verdict=read.verdict,

@@ -23,7 +23,7 @@ from vbaa_calib.session.settings import (
     Gravity,
 )
 
-from .parts import SCHEMA, Antenna, AntennaImage
+from .parts import SCHEMA, Antenna, AntennaImage, Tip
 from .wrench_sensor import WrenchSensor
 
 _Side = Annotated[WholeNumber, Field(ge=1, le=100_000)]
@@ -68,15 +68,6 @@ class _Noload:
     ] = 0.0
 
 
-@dataclass(frozen=True)
-class _FileTip:
-    """Offset of the antenna's visible end from length_m, and its covariance with joint.parameters."""
-
-    offset_m: Annotated[Number, Field(ge=-1, le=1)]
-    std_m: Annotated[Number, Field(gt=0, le=1)]
-    covariance: list[Annotated[Number, Field(ge=-1e12, le=1e12)]]
-
-
 @dataclass(frozen=True, eq=False)
 class _RigAntenna:
     length_m: AnyLength
@@ -91,7 +82,7 @@ class _RigAntenna:
         FileProfile | None,
         Field(description="EI along it, relative, where it does not follow the diameter's fourth power"),
     ] = None
-    tip: _FileTip | None = None
+    tip: Tip | None = None
     parameters_std: Annotated[
         np.ndarray,
         array_of(9, ge=0, le=1e3),
