@@ -16,7 +16,7 @@ from vbaa_calib.calibrate.antenna.learnt_paint import learn
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.polyline import normals, resample
 from vbaa_calib.detect.whisker.antenna import CLAMP_REACH_PX, REACH_PER_LENGTH, corridor, free_curve, pixels
-from vbaa_calib.detect.whisker.antenna import _find as find
+from vbaa_calib.detect.whisker.antenna import finder as detector
 from vbaa_calib.detect.whisker.centreline import Centreline, Visibility
 from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.finder import AntennaFinder
@@ -180,7 +180,8 @@ def test_any_corridor_in_any_picture(seed: int) -> None:
     along = np.linspace(0.0, float(np.linalg.norm(ends[1] - ends[0])), count)
     where = Corridor(axis, 8.0 + 0.9 * along, float(rng.uniform(0.3, 40.0)))
     for bright in (True, False):
-        for line in (find(image, where, bright), measure(image, axis, where.width_px, bright)):
+        one = detector(where, Camera("opencv", (int(width), int(height)), np.diag([100.0, 100.0, 1.0]), np.zeros(0)))
+        for line in [measure(image, axis, where.width_px, bright), *([one.find(image, bright)] if one else [])]:
             assert np.isfinite(line.points_px).all()
             assert np.isfinite(line.sigma_px).all()
             assert not line.found

@@ -12,7 +12,6 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.polyline import arc_lengths, followed
 from vbaa_calib.geometry import Pose
 
-from .centreline import NOTHING, Centreline
 from .corridor import CLAMP_REACH_PX, Corridor, FreeShape
 from .finder import AntennaFinder, sampled_axis
 from .settings import SearchSettings
@@ -103,10 +102,3 @@ def same_paths_m_s2(where: Corridor, parameters: np.ndarray, length_m: float, ta
     tips = [free_curve(parameters, length_m, pull, taper).points_m[0, -1] for pull in pulls]
     sag_px = float(np.linalg.norm(tips[1] - tips[0])) / length_m * arc_lengths(where.axis_px)[-1]
     return 10.0 * float(min(0.5 * spacing_px / max(sag_px, 1e-9), 1.0))
-
-
-def _find(image: np.ndarray, where: Corridor, bright: bool | None = True) -> Centreline:
-    """The centreline in an (H, W) picture; for many pictures use one `AntennaFinder`."""
-    if not _shows(where):
-        return NOTHING
-    return AntennaFinder.prepare(where, (image.shape[1], image.shape[0])).find(image, bright)
