@@ -119,8 +119,8 @@ def _apart_px(view: BoardView, other: BoardView, spec: Board | BoardPoints) -> f
 
 
 def _poorly_covered(views: Sequence[BoardView], spec: Board | BoardPoints) -> Diagnosis | None:
-    """Diagnosis of corners that leave out much of the picture, with the uncovered picture corners; at least one
-    view."""
+    """Diagnosis of corners that leave out much of the picture, naming the picture's corners that are not covered; None
+    where they cover it. views : at least one."""
     size, pixels = np.array(views[0].image_size), np.concatenate([view.corners_px for view in views])
     hull = float(cv2.contourArea(cv2.convexHull(pixels.astype(np.float32)))) / size.prod() if len(pixels) > 2 else 0.0
     column, row = np.clip((pixels + 0.5) / size * (4, 3), 0, (3, 2)).astype(int).T

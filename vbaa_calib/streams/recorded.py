@@ -188,10 +188,8 @@ def _with_readings(source: MessageSource, path: Path | None, offset_s: float) ->
 
 
 def _first_pictures(messages: Messages) -> tuple[list[Taken | Reading | None], float]:
-    """The messages up to the fifth picture, and how much later pictures are stamped than they arrive.
-
-    By the first one, unless the others speak against it.
-    """
+    """The messages up to the fifth picture, and by how much pictures are stamped later than they arrive: that of the
+    first picture, or the median of all if the first differs from it by more than a jump."""
     ahead, later_s = list[Taken | Reading | None](), list[float]()
     for message in messages:
         ahead.append(message)
