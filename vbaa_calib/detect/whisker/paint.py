@@ -142,7 +142,7 @@ def without_other_things(
 
 @lru_cache(maxsize=64)
 def _table(looks: Looks) -> tuple[np.ndarray, bool]:
-    """The antenna's mean colours with their deviations as an array (PLACES, 4), and whether any of them is chromatic."""
+    """The mean colours and their deviations as an array (PLACES, 4), and whether any of them is chromatic."""
     table = np.array(looks)
     return table, bool(np.ptp(table[:, :3], axis=1).max() > LEAST_SPREAD[1])
 
