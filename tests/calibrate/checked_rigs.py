@@ -14,9 +14,10 @@ import numpy as np
 
 from targets.board import BoardSpec
 from vbaa_calib.antenna.rod import solve_rod
-from vbaa_calib.calibrate.check.assessment import Assessment, NewPictures
+from vbaa_calib.calibrate.check.assessment import Assessment
 from vbaa_calib.camera import Camera
 from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig
+from vbaa_calib.session import Still
 from vbaa_calib.simulate.plan import AntennaShot, BoardShot, plan, stream
 from vbaa_calib.simulate.render.board import Sheet, print_sheet
 from vbaa_calib.simulate.render.picture import Studio, studio
@@ -167,7 +168,7 @@ def _studio(matrix: bytes, distortion: bytes, seed: int, bench: int | None) -> S
     return studio(own, seen.picture, rng)
 
 
-def one_picture_each(scene: SceneSpec, folder: Path) -> NewPictures:
+def one_picture_each(scene: SceneSpec, folder: Path) -> tuple[Path, Still]:
     """One picture of the board in its jig and one of the free antenna, as it now is, with the sensor's reading.
 
     The bench behind them is one of four, by the scene's seed.
@@ -186,7 +187,7 @@ def one_picture_each(scene: SceneSpec, folder: Path) -> NewPictures:
         cv2.imwrite(str(folder / shot.path), picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])
     noise_Nm = sensor.std_Nm * stream(scene, "moments").standard_normal()
     reading_Nm = sensor.offset_Nm - sensor.gain * float(shape.clamp_moment_Nm[0, 1]) + noise_Nm
-    return NewPictures(folder / "board.png", folder / "free.png", joints.pan_rad, joints.tilt_rad, reading_Nm)
+    return folder / "board.png", Still(folder / "free.png", joints.pan_rad, joints.tilt_rad, reading_Nm)
 
 
 def unchanged() -> Path:

@@ -193,7 +193,7 @@ def answer(found: Assessment, name: str) -> Finding:
 
 
 def test_rig_json_alone_says_which_board_and_which_jig(made_pictures: SimpleNamespace) -> None:
-    found = assess(made_pictures.rig, None, made_pictures.new)
+    found = assess(made_pictures.rig, None, *made_pictures.new)
     assert found.verdict == "holds", found.words
     levels = answers(found)
     assert levels["camera_pose"] == levels["free_antenna"] == levels["sensor_offset"] == "holds"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import Any
 
@@ -42,20 +43,23 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
             refuse_output(path, suffixes, args.force)
     if args.watch is not None:
         return _watched(args)
+    if args.moment is not None and math.isnan(args.moment):
+        raise InputError("--moment is nan", remedy="give the sensor's reading in N·m, or leave it out")
     free = joints_rad(args) | ({} if args.moment is None else {"moment": args.moment})
     if args.free is None and free:
         flags = ", ".join(f"--{name}" for name in free)
         raise InputError(f"{flags} without --free", remedy="they belong to the picture of the free antenna")
 
-    from vbaa_calib.calibrate.check.assessment import NewPictures, assess
+    from vbaa_calib.calibrate.check.assessment import assess
     from vbaa_calib.calibrate.check.finding import FAILS
+    from vbaa_calib.session import Still
     from viz.report.check import page
 
-    new = None
-    if args.jig is not None or args.free is not None:
-        new = NewPictures(args.jig, args.free, free.get("pan", 0.0), free.get("tilt", 0.0), free.get("moment"))
+    unloaded = None
+    if args.free is not None:
+        unloaded = Still(args.free, free.get("pan", 0.0), free.get("tilt", 0.0), free.get("moment", math.nan))
     session = None if args.session is None else Path(args.session)
-    document = assess(args.rig, session, new, args.camera_name).to_dict()
+    document = assess(args.rig, session, args.jig, unloaded, args.camera_name).to_dict()
     for finding in [*document["session_findings"], *document["findings"]]:
         say(f"{finding['level']:14s} {finding['question']} {finding['words']}")
         if finding["remedy"]:

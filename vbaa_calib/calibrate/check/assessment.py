@@ -257,25 +257,6 @@ _NO_JIG = "session.yaml does not say where the jig is"  # why the camera's pose 
 
 
 @dataclass(frozen=True, eq=False)
-class NewPictures:
-    """A new picture of the board, a new picture of the free antenna, or both, with the joints at rest."""
-
-    board: Path | None  # the board in its jig; None if free is given
-    free: Path | None  # the free antenna; None if board is given
-    pan_rad: float = 0.0  # the joints' readings with `free`
-    tilt_rad: float = 0.0
-    moment_Nm: float | None = None  # the sensor's reading with `free`; None where nobody noted it
-
-    def __post_init__(self) -> None:
-        if self.board is None and self.free is None:
-            raise InputError("no picture is given", remedy="give --board, --free or both")
-        for name in ("pan_rad", "tilt_rad"):
-            check_angle(getattr(self, name), name)
-        if self.moment_Nm is not None and not math.isfinite(self.moment_Nm):
-            raise InputError(f"moment_Nm is {self.moment_Nm:g}", remedy="give the sensor's reading in N·m, or leave it")
-
-
-@dataclass(frozen=True, eq=False)
 class Assessment:
     """Result of `assess`: findings, numbers and maps."""
 
@@ -344,11 +325,16 @@ class Assessment:
 
 
 def assess(
-    path: Path, session_root: Path | None = None, new: NewPictures | None = None, camera: str | None = None
+    path: Path,
+    session_root: Path | None = None,
+    board: Path | None = None,
+    free: Still | None = None,
+    camera: str | None = None,
 ) -> Assessment:
     """Judge a rig.json by itself, and against a session or new pictures. With new pictures the
     session, or without one rig.json's record, describes jig and board; its own pictures are not read.
 
+    board, free : new pictures, of the board in its jig and of the free antenna with the readings at it.
     camera : of a rig of several cameras, the one that is judged, by its pictures; the first by default.
 
     Raises InputError for a broken rig or session, pictures of another size than the lens', a session without any of
@@ -379,11 +365,12 @@ def assess(
             if abs(own_m - other_m) > 1e-3 * own_m:
                 what, where = f"antenna.{name} is {other_m:g}, the rig's {own_m:g}", session.root / "session.yaml"
                 raise InputError(what, where=where, remedy="check a rig with its own antenna")
-    inputs = None if session is None or new is not None else _from_session(session)
-    if new is not None:
+    new = [picture for picture in (board, None if free is None else free.image) if picture is not None]
+    inputs = None if session is None or new else _from_session(session)
+    if new:
         _refuse_calibration_pictures(used, new, path)
         no_jig = _NO_JIG if session else "rig.json does not record the jig: name its session"
-        inputs = _from_pictures(session or _recorded_session(data, rig, path), new, no_jig)
+        inputs = _from_pictures(session or _recorded_session(data, rig, path), board, free, no_jig)
     found, document = ((), None) if inputs is None else _check_pictures(rig, quality, inputs)
     pictures = [] if inputs is None else inputs.pictures
     its_own = bool(pictures) and all(sha256(picture) in used for picture in pictures)
@@ -417,10 +404,16 @@ def _from_session(session: Session) -> _Inputs:
     return _Inputs(session, parts, boards, [*noload, *loads])
 
 
-def _from_pictures(session: Session, new: NewPictures, no_jig: str) -> _Inputs:
-    moment_Nm = math.nan if new.moment_Nm is None else new.moment_Nm
-    boards = {} if new.board is None else {"plane": [new.board]}
-    stills = [] if new.free is None else [Still(new.free, new.pan_rad, new.tilt_rad, moment_Nm)]
+def _from_pictures(session: Session, board: Path | None, free: Still | None, no_jig: str) -> _Inputs:
+    """The new pictures, with the session that describes what is in them. Raises InputError for impossible readings."""
+    boards = {} if board is None else {"plane": [board]}
+    stills = [] if free is None else [free]
+    for still in stills:
+        check_angle(still.pan_rad, "pan_rad")
+        check_angle(still.tilt_rad, "tilt_rad")
+        if math.isinf(still.moment_Nm):
+            what, remedy = f"moment_Nm is {still.moment_Nm:g}", "give the sensor's reading in N·m, or leave it"
+            raise InputError(what, remedy=remedy)
     return _Inputs(session, (*boards, *(["noload"] if stills else [])), boards, stills, no_jig)
 
 
@@ -449,11 +442,11 @@ def _recorded_session(document: Mapping[str, Any], rig: Rig, path: Path) -> Sess
     )
 
 
-def _refuse_calibration_pictures(used: Collection[str], new: NewPictures, path: Path) -> None:
+def _refuse_calibration_pictures(used: Collection[str], new: Sequence[Path], path: Path) -> None:
     """Raises InputError for pictures that the rig was calibrated from, because these fit whatever has changed since.
     used : SHA-256 sums of the calibration's pictures."""
-    for picture in (new.board, new.free):
-        if picture is not None and picture.is_file() and sha256(picture) in used:
+    for picture in new:
+        if picture.is_file() and sha256(picture) in used:
             what = f"is one of the pictures that {path} was calibrated from"
             raise InputError(what, where=picture, remedy="take a new one: an old one cannot show what has changed")
 
