@@ -33,8 +33,8 @@ CXX_CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b(?=[^=;(,]*=)")
 MOST = {
     "module constants": 889,
     "class names used twice": 0,
-    "classes": 444,
-    "public names": 1108,
+    "classes": 443,
+    "public names": 1107,
     "private words": 53,
     "type: ignore": 4,
     "words on pages": 29961,
