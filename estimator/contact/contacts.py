@@ -4,24 +4,26 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any, TypeVar, overload
 
 import numpy as np
 
+from estimator.solver.linearised import rigs_of
 from estimator.solver.numbers import FitNumbers
 from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import Contact, ContactEstimate, Jacobian, Measured
 from vbaa_calib.antenna.rungs import RUNGS
+from vbaa_calib.core.arrays import PLAUSIBLE
 from vbaa_calib.native import core
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
 
 from .inputs import Batch
 from .motion import Beam, Inertia, Motion, Shapes
 from .settings import ContactSettings
-from .status import FAILED, NO_ANTENNA, NO_CONTACT, OK, TIP, reason, reported
+from .status import FAILED, NO_ANTENNA, NO_CONTACT, OK, TIP, limits, reason
 
 _T = TypeVar("_T")
 
@@ -67,14 +69,41 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
         return _contact(values, jacobian, self.numbers, index, bool(self.ordinary[index]), more)
 
     @staticmethod
-    def of_one(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch, model: str) -> Contact:
-        """The result of one frame alone, as `contacts_of`."""
-        rows, status, ordinary = _reported(numbers, rig, friction_rad, batch)
-        values, row = dict(zip(core.solver.REPORTED["names"], rows.item(), strict=True)), numbers.rows[0]
-        values["status"], values["model"] = str(status[0]), RUNGS[row["rung"]]
-        values["friction_prior_rad"], values["condition"] = friction_rad, float(row["condition"])
-        more = rig, model, int(batch.outside_points[0]), None if batch.seen is None else batch.seen[0]
-        return _contact(values, None, numbers, 0, bool(ordinary[0]), more)
+    def one_by_one(rig_arrays: RigArrays, friction_rad: float, requested: str) -> Callable[..., Contact | None]:
+        """A function of a centreline, both moments and both joint angles that gives the contact of a frame as most
+        are: floats, points in order within the picture, and a fit that is not doubted; None of any other. Of a rig with
+        one camera and exact joint axes."""
+        rig, (known, names), columns = rig_arrays.rig, limits(), core.solver.REPORTED["names"]
+        fitted = -1 if requested == "auto" else RUNGS.index(requested), rig_arrays.independent
+        picture = (*map(float, rig.camera.image_size), rig.image.noise_px)
+        single = core.solver.Single(rigs_of(rig_arrays), known, fitted, picture, _units(rig, friction_rad))
+        statuses, reads = names.tolist(), rig.moment_sensor.exists
+
+        def contact(line_px: Any, moment: Any, moment_z: Any, pan: Any, tilt: Any) -> Contact | None:
+            moment, moment_z = (math.nan if each is None else each for each in (moment, moment_z))
+            if type(line_px) is not np.ndarray or line_px.dtype != float:
+                return None
+            if line_px.ndim != 2 or line_px.shape[1] != 2 or not len(line_px):
+                return None
+            if any(type(each) is not float for each in (moment, moment_z, pan, tilt)):
+                return None
+            if abs(moment) > PLAUSIBLE.moment_Nm or abs(moment_z) > PLAUSIBLE.moment_Nm:
+                return None
+            if not (abs(pan) <= PLAUSIBLE.angle_rad and abs(tilt) <= PLAUSIBLE.angle_rad):
+                return None
+            numbers, rows = FitNumbers.empty(1), np.empty(1, _kind())
+            rotation, translation = rig.kinematics.world_antenna(np.array([pan]), np.array([tilt]))
+            world = rotation, translation, rig.gravity_world_m_s2 @ rotation
+            read = moment if reads else math.nan, moment_z
+            found = single.fit(np.ascontiguousarray(line_px), read, *world, (numbers.rows, rows))
+            if found is None:
+                return None
+            values, row = dict(zip(columns, rows.item(), strict=True)), numbers.rows[0]
+            values["status"], values["model"] = statuses[found[0]], RUNGS[row["rung"]]
+            values["friction_prior_rad"], values["condition"] = friction_rad, float(row["condition"])
+            return _contact(values, None, numbers, 0, found[1], (rig, requested, 0, None))
+
+        return contact
 
     @cached_property
     def _columns(self) -> dict[str, Any]:
@@ -127,13 +156,20 @@ def _reported(
     """The columns of a batch that the core fills in, as (B,) structures, statuses (B,) and a mask (B,) of frames about
     which there is nothing to remark."""
     rows, world = np.empty(len(numbers), _kind()), rig.kinematics.world_antenna(batch.pan_rad, batch.tilt_rad)
-    moment_Nm = rig.reading_noise[0] / rig.moment_sensor.gain if rig.moment_sensor.gain else math.nan
-    status, ordinary = reported(numbers, world, (rig.antenna.length_m, friction_rad, moment_Nm), rows)
+    known, names = limits()
+    places, noticed = core.solver.report(known, numbers.rows, *world, _units(rig, friction_rad), rows)
+    status, ordinary = names[places], noticed & core.solver.OUT_OF_ORDINARY == 0
     if not rig.kinematics.axes_known:
         by_axes = rig.kinematics.by_axes(batch.pan_rad, batch.tilt_rad)
         with np.errstate(invalid="ignore", over="ignore"):
             rows["covariance_world_m2"] += _by_axes(rig, numbers, world[0], by_axes)
     return rows, status, ordinary
+
+
+def _units(rig: Rig, friction_rad: float) -> tuple[float, float, float]:
+    """The antenna's length, the friction angle's deviation and that of the moment."""
+    moment_Nm = rig.reading_noise[0] / rig.moment_sensor.gain if rig.moment_sensor.gain else math.nan
+    return rig.antenna.length_m, friction_rad, float(moment_Nm)
 
 
 def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch, model: str) -> Contacts:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import chain, islice
@@ -81,6 +81,12 @@ class ContactEstimator:
         self._learnt: ContactEstimator | None = None
 
     @cached_property
+    def _alone(self) -> Callable[..., Contact | None] | None:
+        """`Contacts.one_by_one`, for a rig of which that is possible."""
+        possible = not self.rig.others and self.rig.kinematics.axes_known
+        return Contacts.one_by_one(self._rig_arrays, self.friction_rad, self.model) if possible else None
+
+    @cached_property
     def cameras(self) -> dict[str, Self]:
         """An estimator for each single camera of the rig, by name."""
         friction, jobs = self.friction_rad, self.jobs
@@ -123,9 +129,10 @@ class ContactEstimator:
             of centreline_px and plane_xy_m, a camera in plane C.
         """
         usual = sigma_px is None and not options
-        batch = Batch.plain(self.rig, centreline_px, (moment, moment_z), (pan, tilt)) if usual else None
-        if batch is not None:
-            return Contacts.of_one(self._fitted(batch), self.rig, self.friction_rad, batch, self.model)
+        if usual and self._alone is not None:
+            found = self._alone(centreline_px, moment, moment_z, pan, tilt)
+            if found is not None:
+                return found
         return self.estimate_batch(**_as_batch(centreline_px, moment, (pan, tilt), sigma_px, moment_z, options))[0]
 
     def estimate_two(

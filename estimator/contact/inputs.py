@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -203,29 +202,6 @@ class Batch(Rows):
         angles, start = (numbers[:, -2], numbers[:, -1]), starts if known else None
         numbers = numbers[:, :-2]
         return Batch(points, sigma, numbers, tips, *angles, outside, start, errors, joint_errors, shape, order)
-
-    @staticmethod
-    def plain(rig: Rig, centreline_px: Any, moments: tuple[Any, Any], joints: tuple[Any, Any]) -> Batch | None:
-        """The batch of one frame as most are: floats, and points in order within the picture. None for any other."""
-        moment, moment_z = (np.nan if each is None else each for each in moments)
-        numbers, whole = (moment, moment_z, *joints), type(centreline_px) is np.ndarray and centreline_px.dtype == float
-        if not whole or rig.others or any(type(each) is not float for each in numbers):
-            return None
-        too_much = abs(moment) > PLAUSIBLE.moment_Nm or abs(moment_z) > PLAUSIBLE.moment_Nm
-        if too_much or not all(abs(each) <= PLAUSIBLE.angle_rad for each in joints):
-            return None
-        if centreline_px.ndim != 2 or centreline_px.shape[1] != 2 or not len(centreline_px):
-            return None
-        points = np.ascontiguousarray(centreline_px)[None]
-        _, disordered, (left, right), (top, bottom) = core.solver.places(points)
-        width, height = rig.camera.image_size
-        if disordered[0] or not (left >= 0.0 and top >= 0.0 and right <= width and bottom <= height):
-            return None
-        nothing = [math.nan] * (len(READINGS) - 2)
-        columns = np.array([[moment if rig.moment_sensor.exists else math.nan, moment_z, *nothing]])
-        pan, tilt = np.array(joints)[:, None]
-        sigma = np.full(points.shape[:2], rig.image.noise_px)
-        return Batch(points, sigma, columns, columns[:, -3:], pan, tilt, np.zeros(1, int))
 
     @staticmethod
     def checked(

@@ -24,35 +24,22 @@ OK = "ok"  # all numbers can be used
 
 
 @lru_cache
-def _limits() -> tuple[Any, np.ndarray]:
-    """The thresholds of a frame's status in the core's form, and the statuses in the order of its `report.hpp`."""
+def limits() -> tuple[Any, np.ndarray]:
+    """The thresholds of a frame's status in the core's form, and the statuses in the order of its `report.hpp`: the
+    first that applies, from those that make everything else meaningless down to ok."""
     names = [NO_ANTENNA, FAILED, NO_CONTACT, UNOBSERVABLE, LOW, TIP, OK]
     return core.solver.Limits(ContactSettings), np.array(names)
-
-
-def reported(
-    numbers: FitNumbers, world: tuple[np.ndarray, np.ndarray], units: tuple[float, float, float], columns: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Statuses (B,): the first that applies, from those that make everything else meaningless down to ok; and a mask
-    (B,) of frames about which there is nothing to remark. Writes the columns that the status leaves.
-
-    world : rotations (B, 3, 3) and translations (B, 3) of the antenna frame. units : the antenna's length, the friction
-    angle's deviation and that of the moment. columns : (B,) structures as the core writes them.
-    """
-    limits, names = _limits()
-    places, noticed = core.solver.report(limits, numbers.rows, *world, units, columns)
-    return names[places], (noticed & core.solver.OUT_OF_ORDINARY) == 0
 
 
 def unexplained(numbers: FitNumbers, bits: int = core.solver.UNEXPLAINED) -> np.ndarray:
     """(B,) mask of the frames that no single possible contact explains, or of which something else was noticed that the
     core's `report.hpp` names."""
-    return np.asarray(core.solver.judge(_limits()[0], numbers.rows)[1] & bits != 0)
+    return np.asarray(core.solver.judge(limits()[0], numbers.rows)[1] & bits != 0)
 
 
 def _noticed(numbers: FitNumbers) -> int:
     """What was noticed of one frame: bits that the core's `report.hpp` names."""
-    return int(core.solver.judge(_limits()[0], numbers.rows)[1][0])
+    return int(core.solver.judge(limits()[0], numbers.rows)[1][0])
 
 
 def _disagreement(numbers: FitNumbers) -> float:

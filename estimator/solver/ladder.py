@@ -11,7 +11,7 @@ from vbaa_calib.core.threads import in_threads
 from vbaa_calib.native import core
 
 from .frames import Frames
-from .linearised import with_usual_axes
+from .linearised import rigs_of
 from .numbers import FitNumbers
 from .rig_arrays import UNKNOWNS
 
@@ -40,8 +40,7 @@ def solve(
     starts = np.empty((0, UNKNOWNS)) if warm is None else np.ascontiguousarray(warm, float)
     pieces = np.empty(0) if pieces_m is None else np.ascontiguousarray(pieces_m, float)
     rung = -1 if model == "auto" else RUNGS.index(model)
-    usual = rig_arrays if all_axes else with_usual_axes(rig_arrays)
-    rigs = usual.core, rig_arrays.core, rig_arrays.exact.core
+    rigs = rigs_of(rig_arrays, all_axes)
 
     def work(begin: int, end: int) -> None:
         core.solver.solve(rigs, measured, begin, end, rung, starts, pieces, found.rows)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -74,8 +74,14 @@ def bend(frames: Frames, rung: str, unknowns: np.ndarray, steps: np.ndarray | No
     )
 
 
+def rigs_of(rig_arrays: RigArrays, all_axes: bool = False) -> tuple[Any, ...]:
+    """The core's rigs for usual frames (`solve`), for all, and without errors."""
+    usual = rig_arrays if all_axes else _with_usual_axes(rig_arrays)
+    return usual.core, rig_arrays.core, rig_arrays.exact.core
+
+
 @lru_cache(maxsize=8)
-def with_usual_axes(rig_arrays: RigArrays, unseen: float = 0.05) -> RigArrays:
+def _with_usual_axes(rig_arrays: RigArrays, unseen: float = 0.05) -> RigArrays:
     """The rig with its errors in fewer axes: only those that frames of an antenna as large as the picture, with a
     point a pixel, can distinguish from zero.
 

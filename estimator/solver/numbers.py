@@ -78,7 +78,8 @@ class FitNumbers:
     @staticmethod
     def empty(count: int) -> FitNumbers:
         """The numbers of `count` frames without a fit: NaN, 0 and False."""
-        return FitNumbers(_without_fit().copy() if count == 1 else _without_fit().repeat(count))
+        nothing, kind = _without_fit()
+        return FitNumbers(np.frombuffer(bytearray(nothing * count), kind))
 
     @staticmethod
     def joined(several: Sequence[FitNumbers]) -> FitNumbers:
@@ -99,10 +100,10 @@ class FitNumbers:
 
 
 @lru_cache
-def _without_fit() -> np.ndarray:
-    """(1,) the numbers of a frame without a fit."""
+def _without_fit() -> tuple[bytes, np.dtype[np.void]]:
+    """The numbers of a frame without a fit, in bytes: NumPy would copy them one by one; and what they are."""
     nothing = np.zeros(1, core.solver.NUMBERS)
     for name in core.solver.NUMBERS["names"]:
         if nothing[name].dtype == float:
             nothing[name] = np.nan
-    return nothing
+    return nothing.tobytes(), nothing.dtype

@@ -31,7 +31,12 @@ def rotation_world_antenna(pan_rad: ArrayLike, tilt_rad: ArrayLike, axis_skew_ra
         except ValueError:
             what = f"pan_rad has shape {pan.shape}, tilt_rad {tilt.shape}"
             raise InputError(what, remedy="give one of each for every frame") from None
-    sin_p, cos_p, sin_t, cos_t = np.sin(pan), np.cos(pan), np.sin(tilt), np.cos(tilt)
+    return _turn(pan, tilt, axis_skew_rad)
+
+
+def _turn(pan: np.ndarray, tilt: np.ndarray, axis_skew_rad: float) -> np.ndarray:
+    angles = np.array((pan, tilt))
+    (sin_p, sin_t), (cos_p, cos_t) = np.sin(angles), np.cos(angles)
     rows = [cos_t * cos_p, -sin_p, -sin_t * cos_p], [cos_t * sin_p, cos_p, -sin_t * sin_p], [sin_t, 0.0 * pan, cos_t]
     turn = np.ascontiguousarray(np.moveaxis(np.array(rows), (0, 1), (-2, -1)) if pan.ndim else rows)
     if axis_skew_rad == 0.0:
@@ -123,7 +128,8 @@ class Kinematics:
         return rotation, translation
 
     def _carried(self, pan_rad: np.ndarray, tilt_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        turn = rotation_world_antenna(pan_rad, tilt_rad + self.tilt_zero_rad, self.axis_skew_rad)
+        turned = _turn if pan_rad.shape == tilt_rad.shape else rotation_world_antenna
+        turn = turned(pan_rad, tilt_rad + self.tilt_zero_rad, self.axis_skew_rad)
         origin = self.position_world_m
         if self.axis_offset_m != 0.0:
             origin = origin + self.axis_offset_m * _panned_x(pan_rad)

@@ -3,6 +3,7 @@
 #include <nanobind/stl/tuple.h>
 
 #include <algorithm>
+#include <limits>
 #include <string>
 #include <utility>
 
@@ -241,9 +242,8 @@ solver::Pixels pixels_of(const Rig& rig, const nb::tuple& measured) {
     return pixels;
 }
 
-// rigs: for usual frames, for all, and exact. measured: `Frames`, or pixels.
-void solve(const nb::tuple& rigs_, nb::handle measured, int begin, int end, int rung, InMatrix warm, InVector pieces_m,
-           nb::handle numbers) {
+// For usual frames, for all, and exact.
+solver::Rigs rigs_of(const nb::tuple& rigs_) {
     require(rigs_.size() == 3, "rigs must be three");
     const auto rig = [&](int index) -> const Rig& { return nb::cast<const Rig&>(rigs_[index]); };
     const solver::Rigs rigs = {rig(0), rig(1), rig(2)};
@@ -251,6 +251,13 @@ void solve(const nb::tuple& rigs_, nb::handle measured, int begin, int end, int 
         return other.cameras.size() == rigs.usual.cameras.size() && other.readings == rigs.usual.readings;
     };
     require(alike(rigs.complete) && alike(rigs.exact), "rigs differ in more than their axes");
+    return rigs;
+}
+
+// measured: `Frames`, or pixels.
+void solve(const nb::tuple& rigs_, nb::handle measured, int begin, int end, int rung, InMatrix warm, InVector pieces_m,
+           nb::handle numbers) {
+    const solver::Rigs rigs = rigs_of(rigs_);
     require(solver::AUTO <= rung && rung <= solver::ROD, "no such rung");
     require(pieces_m.size() == 0 || pieces_m.size() == solver::PIECES, "another number of pieces is tested");
     const auto solved = [&](const auto& frames) {
@@ -310,6 +317,63 @@ auto report(const solver::Limits& limits, nb::handle numbers_, InCube rotation, 
     solver::report(numbers, {view(found.status), view(found.noticed)}, placed,
                    structures<solver::Reported>(reported, count));
     return std::make_pair(found.status, found.noticed);
+}
+
+// How frames of a rig with one camera are fitted one by one.
+struct Single {
+    solver::Rigs rigs;
+    solver::Limits limits;
+    int rung, axes;                            // of the rig's errors
+    double width, height, sigma_px;            // of its pictures
+    double length_m, friction_rad, moment_Nm;  // the antenna's, friction's deviation, that of a moment
+};
+
+// Fits and reports a frame. Gives its status and whether there is nothing to remark; none, where points are out of
+// order or outside the picture, or the fit is doubted.
+nb::object fit_single(const Single& single, InMatrix points, const std::pair<double, double>& moments_Nm,
+                      InCube rotation, InMatrix translation_m, InMatrix gravity_m_s2,
+                      const std::pair<nb::handle, nb::handle>& rows) {
+    constexpr double nothing = std::numeric_limits<double>::quiet_NaN();
+    check_last(points, 2, "points must be (N, 2)");
+    const auto numbers = structures<solver::Numbers>(rows.first, 1);
+    const auto reported = structures<solver::Reported>(rows.second, 1);
+    const solver::Placed placed = {view(rotation), view(translation_m), single.length_m, single.friction_rad,
+                                   single.moment_Nm};
+    require(placed.rotation.shape == std::array{1, 3, 3} && placed.translation_m.shape == std::array{1, 3} &&
+                view(gravity_m_s2).shape == std::array{1, 3},
+            "rotation must be (1, 3, 3), translation and gravity (1, 3)");
+    std::int64_t status = 0;
+    std::uint64_t noticed = 0;
+    bool usual = false;
+    {
+        Released released;
+        const int count = static_cast<int>(points.shape(0));
+        const ConstCube line = {points.data(), {1, count, 2}};
+        Array<double, 2> place(1, count);
+        bool disordered = false;
+        double extent[2][2];
+        solver::places(line, place, {&disordered, {1}}, extent);
+        const auto& [across, down] = extent;
+        usual =
+            !disordered && across[0] >= 0.0 && down[0] >= 0.0 && across[1] <= single.width && down[1] <= single.height;
+        if (usual) {
+            double reading[solver::READINGS - 1], tip[] = {nothing, nothing, nothing};
+            std::fill_n(reading, solver::READINGS - 1, nothing);
+            reading[0] = moments_Nm.first, reading[1] = moments_Nm.second;
+            solver::Pixels pixels = {};
+            pixels.points = line, pixels.sigma = &single.sigma_px;
+            pixels.reading = {reading, {1, solver::READINGS - 1}}, pixels.tip = {tip, {1, 3}};
+            pixels.gravity_m_s2 = view(gravity_m_s2);
+            solver::solve_frames(single.rigs, pixels, 0, 1, single.rung, {}, {}, numbers);
+            numbers[0].rig_axes = single.axes;
+            const solver::Judged judged = {{&status, {1}}, {&noticed, {1}}};
+            solver::judge(numbers, single.limits, judged);
+            usual = (noticed & solver::DOUBTED) == 0;
+            if (usual) solver::report(numbers, judged, placed, reported);
+        }
+    }
+    if (!usual) return nb::none();
+    return nb::make_tuple(status, (noticed & solver::OUT_OF_ORDINARY) == 0);
 }
 
 void rough(const Rig& rig, nb::handle frames_, OutMatrix unknowns, OutCube points_m) {
@@ -448,6 +512,21 @@ void bind_solver(nb::module_& module) {
             nb::keep_alive<1, 3>());
     nb::class_<solver::Limits>(room, "Limits", "What decides on a frame's status: `ContactSettings`.")
         .def("__init__", [](solver::Limits* at, nb::handle settings) { new (at) solver::Limits(limits_of(settings)); });
+    nb::class_<Single>(room, "Single", "How frames of a rig with one camera are fitted one by one.")
+        .def(
+            "__init__",
+            [](Single* at, const nb::tuple& rigs, const solver::Limits& limits, const std::pair<int, int>& fitted,
+               const std::tuple<double, double, double>& picture, const std::tuple<double, double, double>& units) {
+                const auto [rung, axes] = fitted;
+                const auto [width, height, sigma_px] = picture;
+                const auto [length_m, friction_rad, moment_Nm] = units;
+                require(solver::AUTO <= rung && rung <= solver::ROD, "no such rung");
+                new (at) Single{rigs_of(rigs), limits,   rung,     axes,         width,
+                                height,        sigma_px, length_m, friction_rad, moment_Nm};
+                require(at->rigs.usual.cameras.size() == 1, "the rig has several cameras");
+            },
+            nb::keep_alive<1, 2>())
+        .def("fit", &fit_single, "Fits a frame into rows of NUMBERS and REPORTED; its status, or none.");
     room.def("solve", &solve, "Fits frames from `begin` to `end` on a rung, −1: the highest, into rows of NUMBERS.");
     room.def("judge", &judge, "Statuses (B,) of fits, in their order, and what was noticed (B,), bits of Noticed.");
     room.def("report", &report, "Columns of `Contacts` into rows of REPORTED; gives what `judge` does.");
