@@ -113,7 +113,7 @@ class RecordingWatch:
             self._compare()
         if len(measured.points_px) >= self.settings.fewest_points:
             self._seen += 1
-            self._keep((self.count, measured, np.array([self._read, np.full(8, np.nan)])))
+            self._keep(measured)
         self._before, self._read, self.count = measured, now, self.count + 1
 
     def _compare(self) -> None:
@@ -123,10 +123,14 @@ class RecordingWatch:
         self._leaps += leaps
         self._pictures = self._pictures[-2:]
 
-    def _keep(self, frame: _Kept) -> None:
-        if len(self._first) < self.settings.first:
+    def _keep(self, measured: Measured) -> None:
+        early = len(self._first) < self.settings.first
+        if not early and (self.count - self.settings.first) % self._stride:
+            return
+        frame = self.count, measured, np.array([self._read, np.full(8, np.nan)])
+        if early:
             self._first.append(frame)
-        elif (frame[0] - self.settings.first) % self._stride == 0:
+        else:
             self._spread.append(frame)
             if len(self._spread) > 2 * self.settings.spread:
                 self._spread, self._stride = self._spread[::2], 2 * self._stride

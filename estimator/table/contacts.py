@@ -231,21 +231,25 @@ class ContactRow(_Columns[int, float, bool, str]):
     @staticmethod
     def of(frame: Frame, contact: Contact) -> ContactRow:
         """The row of one estimated frame."""
-        return ContactRow(
+        (_, force_y, force_z), (_, std_y, std_z) = contact.force_N.tolist(), contact.force_std_N.tolist()
+        row = object.__new__(ContactRow)  # of all fields at once: to set each takes longer than all else here
+        vars(row).update(
+            _absent(),
             frame=frame.frame,
             time_s=frame.time_s,
             pan_rad=frame.pan_rad,
             tilt_rad=frame.tilt_rad,
-            force_y_N=contact.force_N[1],
-            force_y_std_N=contact.force_std_N[1],
-            force_z_N=contact.force_N[2],
-            force_z_std_N=contact.force_std_N[2],
-            deflection_y_m=contact.deflection_m[1],
-            deflection_z_m=contact.deflection_m[2],
+            force_y_N=force_y,
+            force_y_std_N=std_y,
+            force_z_N=force_z,
+            force_z_std_N=std_z,
+            deflection_y_m=float(contact.deflection_m[1]),
+            deflection_z_m=float(contact.deflection_m[2]),
             reason=contact.reason,
             bias_std=contact.predicted_bias_std,
             **{name: getattr(contact, name) for name in _SHARED},
         )
+        return row
 
     def estimate(self, kinematics: Kinematics) -> Contact:
         """The contact of this row. The standard deviation of the force along x is NaN, as no table has it; of an old
@@ -259,6 +263,13 @@ class ContactRow(_Columns[int, float, bool, str]):
             bias={self.model: self.bias_std} if np.isfinite(self.bias_std) else {},
             **{name: getattr(self, name) for name in _SHARED},
         )
+
+
+@lru_cache
+def _absent() -> dict[str, Any]:
+    """Values of a row's columns that a frame need not have."""
+    known = {f.name: f.default if f.default_factory is MISSING else f.default_factory() for f in fields(ContactRow)}
+    return {name: value for name, value in known.items() if value is not MISSING}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

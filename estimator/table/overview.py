@@ -8,6 +8,7 @@ from array import array
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 from vbaa_calib.session import Frame
@@ -52,23 +53,18 @@ class Overview:
         self.frames += 1
         if contact is not None and contact.end_used is not None:
             self.ends.update({"seen": 1, "unused": int(not contact.end_used)})
-        if contact is not None and contact.status in LOCATED and math.isnan(contact.force_N[1:].sum()):
+        if contact is not None and contact.status in LOCATED and math.isnan(contact.force_N[1] + contact.force_N[2]):
             self.partly += 1
         if measured is not None and measured.outside_points:
             used = len(measured.points_px)
             self.outside.update({"frames": 1, "points": measured.outside_points, "used": used})
-        joints = dict(zip(CHANNELS[-2:], frame.joints_read, strict=True))
-        for name in self._named:
+        joints = {} if all(frame.joints_read) else dict(zip(CHANNELS[-2:], frame.joints_read, strict=True))
+        for name in _named(self.columns):
             value = getattr(frame, name)
             if not joints.get(name, True):
                 self.assumed_rad[name] = value
             elif value == value:
                 self.read[name] += 1
-
-    @property
-    def _named(self) -> list[str]:
-        """The counted channels: moment and joints, and the rig's other readings."""
-        return [name for name in CHANNELS if name in (CHANNELS[0], *CHANNELS[-2:], *self.columns)]
 
     def add_result(self, frame: int, status: str, reason: str) -> None:
         """Count a frame's status and reason."""
@@ -118,7 +114,7 @@ class Overview:
     def numbers(self) -> dict[str, Any]:
         """The counts for `--json`: `status`, `readings`, `set_aside`, `forces_partly_known`, and `reasons` with the
         commonest kind first."""
-        read = {name: self.read[name] for name in self._named}
+        read = {name: self.read[name] for name in _named(self.columns)}
         return {
             "status": dict(self.status.most_common()),
             "readings": {"frames": self.frames, **read, "assumed_rad": dict(self.assumed_rad)},
@@ -143,6 +139,12 @@ class Overview:
         cause = exchanged if points > 0.1 * (points + used) else "a tracker's misses"
         counts = f"{points} point{'s' * (points != 1)} of {frames} frame{'s' * (frames != 1)}"
         return [f"{counts} outside the picture of {image_size[0]}x{image_size[1]} px left out: {cause}"]
+
+
+@lru_cache
+def _named(columns: tuple[str, ...]) -> list[str]:
+    """The counted channels: moment and joints, and the rig's other readings."""
+    return [name for name in CHANNELS if name in (CHANNELS[0], *CHANNELS[-2:], *columns)]
 
 
 def _remedy(status: str, reason: str) -> str:

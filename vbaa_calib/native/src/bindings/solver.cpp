@@ -168,7 +168,7 @@ class Described {
             shape += (shape.empty() ? "(" : "") + std::to_string(std::extent_v<Kind>) + ",";
             add_shape<std::remove_extent_t<Kind>>(shape);
         } else if (!shape.empty()) {
-            shape += ")";
+            shape += ')';
         }
     }
 
