@@ -136,6 +136,8 @@ def main() -> None:
             begun = time.perf_counter()
             found = work()
             reply["located"] = float(np.mean(np.isfinite([contact.distance_m for contact in found])))
+            if not counted and job["way"] == "single":  # which is one call of the core
+                prepared(job | {"way": "batch"}, counted)[0]()
             reply["evaluations"] = float(np.concatenate(counted).sum()) / count if counted else None
             # what was compiled on the way does not count
             spent = time.perf_counter() - begun
