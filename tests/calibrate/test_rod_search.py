@@ -81,3 +81,9 @@ def test_a_rod_that_is_hidden_between_its_ends_is_refused() -> None:
     picture[:, 150:260] = 120
     with pytest.raises(InputError, match=r"interrupted|no rod"):
         search_rod(picture, np.array([2.0, 130.0]), line[-1]).line()
+
+
+def test_a_rod_that_another_crosses_is_found_between_its_ends() -> None:
+    line, other = bow(), np.array([[150.0, -20.0], [200.0, 420.0]])
+    picture = painted([(line, 9.0, (230, 230, 230)), (other, 36.0, (40, 60, 160))])
+    assert apart(search_rod(picture, np.array([2.0, 130.0]), line[-1]).line(), line) < 1.0

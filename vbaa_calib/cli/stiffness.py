@@ -436,7 +436,7 @@ def _with_candidates(
     for number, found in enumerate(search.candidates, start=1):
         colour = colours[(number - 1) % len(colours)]
         canvas.line(found.curve_px, colour, 2.0)
-        canvas.words(str(number), found.curve_px[len(found.curve_px) // 2], colour)
+        canvas.words(str(number), found.curve_px[len(found.curve_px) // 2], colour, size=1.2)
     for name, place in (("clamp", search.clamp), ("tip", search.tip)):
         if place is not None:
             canvas.ring(place, 8.0, (255, 255, 0))

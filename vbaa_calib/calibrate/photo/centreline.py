@@ -92,8 +92,9 @@ def _ribbon_evidence(level: _Level, width: float, texture: np.ndarray, settings:
     texture (channels,)."""
     shading = np.hypot(_shading_of(len(level.planes), settings), texture)
     shares = (settings.flat, settings.edge, settings.chance)
+    spread = np.array([settings.spread, settings.chroma_spread, settings.chroma_spread])[: len(level.planes)]
     return core.search.ribbon_evidence(
-        level.planes, width, level.noise(settings), shading, settings.spread, shares, settings.gap
+        level.planes, width, level.noise(settings), shading, spread, shares, settings.gap
     )
 
 
@@ -309,7 +310,14 @@ class _MeasuredRod:
 
     def is_whole(self, settings: RodSettings) -> bool:
         """Whether the line has no gap, and enough evidence for one that has both edges nearly everywhere."""
-        return self.gap_px is None and self.has_edges(settings) and self.parts["mean"] > settings.least_mean_edged
+        return self.gap_px is None and self.has_edges(settings) and self.parts["mean"] > settings.least_mean_clear
+
+    def is_clear(self, settings: RodSettings) -> bool:
+        """Whether the line has both its edges, in a hue of its own, but where something crosses it, and does not bend
+        there."""
+        edges, shadow, turn = settings.clear
+        parts = self.parts
+        return parts["edges"] > edges and parts["shadow"] < shadow and parts["unseen_turn"] < turn
 
     def has_edges(self, settings: RodSettings) -> bool:
         """Whether nearly all its stations have both edges."""
@@ -521,6 +529,7 @@ def _along(
     along = max(1, round(2.0 * width / (length / len(curve))))
     tangent = uniform_filter1d(np.diff(curve, axis=0), along, axis=0, mode="nearest")
     angle = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
+    hidden = ~there[np.arange(len(angle)) * len(there) // len(angle)]
     return there, {
         "ribbon": float(log.mean()) * length / cell,
         "mean": float(log.mean()),
@@ -529,6 +538,7 @@ def _along(
         "shadow": float(np.mean(shadow)),
         "first_shadow": float(shadow[0]),
         "last_shadow": float(shadow[-1]),
+        "unseen_turn": float(np.abs(np.diff(angle))[hidden[: len(angle) - 1]].sum()),
         **_against_sides(middle, sides, shading),
     }
 
@@ -598,7 +608,7 @@ def _rod_odds(
 ) -> float:
     """Log odds that a line with unknown ends is a rod and not something else with two edges."""
     terms = (
-        min(0.0, parts["mean"] - settings.least_mean_alone),
+        min(0.0, parts["mean"] - settings.usual_mean),
         parts["edges"],
         min(parts["net"], settings.bent),
         parts["winding"],
@@ -922,9 +932,6 @@ def _shadowed(middle: np.ndarray, side: np.ndarray, shading: np.ndarray, setting
     return np.where(np.isfinite(there), there, 0.0)
 
 
-_END_REMEDY = "give --clamp U,V and --tip U,V"  # where the ends are not known
-
-
 @dataclass(frozen=True, eq=False)
 class RodLine:
     """A rod's centreline, from clamp to tip."""
@@ -967,24 +974,25 @@ class RodSearch:
         best = self.candidates[0] if self.candidates else None
         known = (self.clamp is not None) + (self.tip is not None)
         settings = self.settings
+        remedy = "check --clamp and --tip" if known == 2 else "give --clamp U,V and --tip U,V"
+        if self.candidates:
+            remedy += ", or choose with --candidate N"
         least = settings.least_evidence_known if known == 2 else settings.least_odds - known * settings.end_odds
-        if best is None or best.evidence < least:
+        if best is None or best.evidence < least or (known == 0 and best.parts["contrast"] < settings.least_contrast):
             where = " between clamp and tip" if known == 2 else ""
-            remedy = "check --clamp and --tip" if known == 2 else _END_REMEDY
             raise InputError(f"no rod can be made out{where}: nothing stands out like one", remedy=remedy)
-        edged = best.gap_px is None and best.has_edges(settings) and not best.may_be_shadow
-        if best.parts["mean"] < (settings.least_mean_edged if edged or known < 2 else settings.least_mean):
-            what = "no rod can be made out: the likeliest line is one only in parts"
-            raise InputError(what, remedy="check --clamp and --tip" if known == 2 else _END_REMEDY)
-        if best.gap_px is not None:
+        clear = best.is_clear(settings)
+        if best.parts["mean"] < (settings.least_mean_clear if clear or known < 2 else settings.least_mean):
+            raise InputError("no rod can be made out: the likeliest line is one only in parts", remedy=remedy)
+        if best.gap_px is not None and not (clear and known == 2):
             u, v = best.gap_px
             what = f"the likeliest line is interrupted near {u:.0f},{v:.0f}"
-            raise InputError(what, remedy="clear what hides, touches or crosses it, and check --clamp and --tip")
+            raise InputError(what, remedy=f"clear what hides, touches or crosses it, {remedy}")
         end = best.goes_on_px if best.goes_on_px is not None else best.covered_end_px(settings)
         if known == 0 and end is not None:
             u, v = end
             what = f"the likeliest line cannot be followed near {u:.0f},{v:.0f}: it goes on there, or into a shadow"
-            raise InputError(what, remedy=f"{_END_REMEDY}, or choose with --candidate N")
+            raise InputError(what, remedy=remedy)
         if known == 2:
             least_mean = best.straight_mean - settings.alike
             alike = [
@@ -1003,7 +1011,7 @@ class RodSearch:
         if rivals:
             numbers = ", ".join(map(str, range(1, rivals[-1]))) + f" and {rivals[-1]}"
             what = f"{1 + len(rivals)} things in it may be the rod: candidates {numbers}"
-            raise InputError(what, remedy=f"choose with --candidate N, or {_END_REMEDY}")
+            raise InputError(what, remedy=remedy)
         return self._directed(best)
 
     def _directed(self, found: _MeasuredRod) -> RodLine:
@@ -1050,6 +1058,7 @@ def search_rod(
     if clamp is not None and tip is not None:
         found = _between(planes, clamp, tip, settings)
     else:
+        settings = replace(settings, chroma_spread=settings.spread)  # shadows and highlights have the surface's hue
         paths: list[_RodPath] = []
         for at in _levels_of(planes, settings):
             paths += _paths_at(at, (clamp, tip), settings, settings.most_cost_alone)

@@ -115,14 +115,21 @@ class Canvas:
             self.line(np.stack([tail_px, head_px]), ink, thick + more)
             self.line(barbs, ink, thick + more)
 
-    def words(self, text: str, at_px: np.ndarray, colour: Colour, offset: tuple[float, float] = (9.0, -9.0)) -> None:
+    def words(
+        self,
+        text: str,
+        at_px: np.ndarray,
+        colour: Colour,
+        offset: tuple[float, float] = (9.0, -9.0),
+        size: float = 0.5,
+    ) -> None:
         """Draw a label with a black outline, `offset` from a point and kept inside the canvas."""
-        width, height = _text_size(text, 0.5 * self.unit)
+        width, height = _text_size(text, size * self.unit)
         spot = self.at(np.asarray(at_px)) + np.array(offset) * self.unit - [width if offset[0] < 0 else 0, 0]
         rows, columns = self.image.shape[:2]
         spot = np.clip(spot, [3, height + 3], [max(3, columns - width - 4), max(height + 3, rows - 5)])
         for ink, edge in ((_BLACK, 2), (colour, 0)):
-            _put(self.image, text, (int(spot[0]), int(spot[1])), _font_of(0.5 * self.unit), ink, edge)
+            _put(self.image, text, (int(spot[0]), int(spot[1])), _font_of(size * self.unit), ink, edge)
 
     def _thickness(self, thick: float) -> int:
         return max(1, round(thick * self.unit))

@@ -249,7 +249,7 @@ void bind_ribbons(nb::module_& room) {
     using InPlanes = Numpy<const float, 3>;
     room.attr("ROW_STEP") = detect::ROW_STEP;
     room.attr("DIRECTIONS_DOWN") = detect::DIRECTIONS_DOWN;
-    const auto evidence = [](InPlanes planes, double width_px, InVector noise, InVector shading, double spread,
+    const auto evidence = [](InPlanes planes, double width_px, InVector noise, InVector shading, InVector spread,
                              std::array<double, 3> shares, double gap) {
         require_pixels(width_px);
         require(planes.size() > 0, "planes (channels, H, W) are not empty");
@@ -258,7 +258,8 @@ void bind_ribbons(nb::module_& room) {
         const double places = static_cast<double>(planes.shape(1)) * static_cast<double>(planes.shape(2)) + 1e5;
         require(places * detect::DIRECTIONS_DOWN < 2e9, "a picture has less than 8 million pixels");
         const auto each = of_size(noise, planes.shape(0)), shade = of_size(shading, planes.shape(0));
-        const detect::RibbonModel model{width_px, each, shade, spread, shares[0], shares[1], shares[2], gap};
+        const auto apart = of_size(spread, planes.shape(0));
+        const detect::RibbonModel model{width_px, each, shade, apart, shares[0], shares[1], shares[2], gap};
         return to_numpy(unlocked([&] { return detect::ribbon_evidence(view(planes), model); }));
     };
     room.def("ribbon_evidence", evidence);

@@ -93,7 +93,6 @@ struct Odds {
 // Log odds of a ribbon at a block of columns.
 void weigh(const Sums& sums_of, int at, const Windows& windows, const RibbonModel& model, float* __restrict to) {
     const int channels = model.noise.shape[0];
-    const auto spread = static_cast<float>(2.0 * model.spread * model.spread);
     const float n = windows.part, m = windows.flank_part;
     const auto together = static_cast<float>(TOGETHER);
     Block own, left, right, along, length, mixed, variance, difference;
@@ -125,6 +124,7 @@ void weigh(const Sums& sums_of, int at, const Windows& windows, const RibbonMode
         const float *inner = &sums_of.inner(c, at), *before = &sums_of.before(c, at), *after = &sums_of.after(c, at);
         const auto noise = static_cast<float>(model.noise[c] * model.noise[c]) * together * (n + m) +
                            2.0F * static_cast<float>(model.shading[c] * model.shading[c]);
+        const auto spread = static_cast<float>(2.0 * model.spread[c] * model.spread[c]);
         // scatter within windows is known of the first channel, and counts less in the others
         const float share = c == 0 ? 1.0F : 0.1F;
         for (int i = 0; i < BLOCK; ++i) difference[i] = inner[i] * n - before[i] * m;

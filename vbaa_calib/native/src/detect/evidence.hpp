@@ -19,7 +19,7 @@ struct RibbonModel {
     double width_px = 0.0;
     ConstVector noise;    // (channels,) standard deviation of a pixel
     ConstVector shading;  // (channels,) by which neighbouring places of one surface differ
-    double spread = 0.0;  // by which colours of different surfaces differ
+    ConstVector spread;   // (channels,) by which those of different surfaces differ
     double flat = 0.0;    // share of places of the background that have one colour on both sides
     double edge = 0.0;    // share of those with an edge on one of the sides
     double chance = 0.0;  // share of those with three colours
