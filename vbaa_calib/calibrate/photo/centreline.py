@@ -881,9 +881,8 @@ def _to_the_ends(
 
     def run_out(known_end: np.ndarray | None, order: np.ndarray) -> tuple[int, bool]:
         """Index of the last place on the rod in this order, and whether it is within the picture."""
-        if known_end is not None:
-            nearest = int(np.argmin(np.hypot(*(curve - known_end).T)))
-            return nearest, bool(inside[nearest])
+        if known_end is not None:  # in the picture, though the smooth curve may leave it there
+            return int(np.argmin(np.hypot(*(curve - known_end).T))), True
         run = order[count // 2 :]
         out = ~inside[run]
         last = int(np.argmax(out)) if out.any() else len(run)
