@@ -319,10 +319,11 @@ def _least_squares(
         return found if found.is_finite else None
 
     start = evaluate(np.eye(1, 1 + len(extra))[0])
-    # a step of 1e-10 of the deflection
-    rules = Rules(60, standstill=0.5e-20 * float(deflection_m @ deflection_m), takes_last=True)
+    # a step of 1e-10 of the deflection, or one whose gain is lost in the rounding of the cost
+    least = 0.5e-20 * float(deflection_m @ deflection_m)
+    rules = Rules(60, tolerance=1e-15, standstill=least, takes_last=True, may_rise_share=1e-12)
     found, promise, _ = (start, np.inf, True) if start is None else minimise(evaluate, start, rules)
-    if found is None or promise > rules.standstill:
+    if found is None or promise > rules.standstill + rules.tolerance * found.cost:
         raise SolveError(
             "the fit of EI does not converge: the readings are not those of one rod in a clamp; check force, distance "
             "and the table's columns"
