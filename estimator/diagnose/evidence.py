@@ -32,7 +32,7 @@ class Recorded:
     around : (F, 2, 8) all readings, pan and tilt of the row before, and of the row after; NaN where there is
         none.
     order : (F,) number of each frame in the recording.
-    period_s : usual time between rows; NaN where they have none.
+    period_s : usual time between rows; NaN where they have none, or are no series in time.
     later : from which frame on the rig is another one, and that rig.
     """
 

@@ -447,6 +447,8 @@ def _shifts_explained(case: Case) -> Iterator[Explanation[Case]]:
         return
     later = "the readings are {} {} the pictures that they are listed with: the clocks differ".format
     for changed, step, most in ((_lagged, settings.lag_step, 1.0), (_tilted, settings.joint_step_rad, np.inf)):
+        if changed is _lagged and not np.isfinite(period_s):
+            continue  # between frames of their own a reading means nothing
         value, std, gained = _least_cost(case, changed, step, most)
         size = f"{abs(value) * period_s:.3g} ± {std * period_s:.1g} s"
         words = later(size, "before" if value > 0.0 else "behind")

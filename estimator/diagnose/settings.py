@@ -78,7 +78,7 @@ class RecordingSettings:
     jump_sigma: float = 3.0  # and over the standard deviation of its points, from which on it may belong elsewhere
     fits: float = 0.35  # part of that distance within which it fits there
     most_jumps: int = 32  # that are remembered
-    series: float = 0.3  # part of the rows with pictures that leap, up to which they are a series in time
+    series: float = 0.2  # part of the rows with pictures that leap, up to which they are a series in time
     seldom: float = 0.1  # part of the rows beyond which such jumps are the antenna's own
 
     # when a recording is judged while it runs, and what of its witnesses may be missing

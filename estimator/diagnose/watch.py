@@ -162,7 +162,8 @@ class RecordingWatch:
         drift = self.rig.drift
         # what may have changed is in the covariance from here on
         rig = replace(self.rig.drifted(), drift=Drift(line_px=drift.line_px, light_px=drift.light_px))
-        found = Recorded(rig, batch, around.reshape(-1, 2, 8), order, self._period_s)
+        period_s = self._period_s if self._in_time else math.nan
+        found = Recorded(rig, batch, around.reshape(-1, 2, 8), order, period_s)
         seen = np.isfinite(batch.points_px).all(axis=-1).sum(axis=-1)
         return found.picked(np.flatnonzero(seen >= self.settings.fewest_points))
 
@@ -247,12 +248,15 @@ class RecordingWatch:
         """Median time between the last rows; NaN where they have none."""
         return float(np.median(self._apart_s)) if self._apart_s else math.nan
 
+    @property
+    def _in_time(self) -> bool:
+        """Whether the frames are a series in time: the pictures of others leap at most rows."""
+        return self._leaps <= self.settings.series * self.count
+
     def _exchanged(self) -> list[int]:
         """Pairs of rows with exchanged pictures."""
         self._compare()
-        # frames that are not a series leap all the time
-        seldom = len(self._jumps) <= max(self.settings.seldom * self.count, 2)
-        seldom &= self._leaps <= self.settings.series * self.count
+        seldom = self._in_time and len(self._jumps) <= max(self.settings.seldom * self.count, 2)
         return [row for pair in _exchanged(self._jumps) for row in pair] if seldom else []
 
     def _of_rows(self) -> list[Diagnosis]:
@@ -404,6 +408,8 @@ def _exchanged(jumps: Sequence[_Jump]) -> list[tuple[int, int]]:
     """Pairs of rows with pictures that fit between each other's neighbours, each row once, in its best pair."""
     pairs = []
     for (row, here, around, size), (other_row, there, other_around, other_size) in combinations(jumps, 2):
+        if abs(row - other_row) == 1:  # each is a neighbour of the other, there and back
+            around, other_around = around + 0.5 * (here - there), other_around + 0.5 * (there - here)
         left = float(max(_unlike(here, other_around), _unlike(there, around)))
         pairs.append((left / min(size, other_size), row, other_row))
     found: list[tuple[int, int]] = []
