@@ -133,8 +133,10 @@ Learned learned_section(const Crossings& found, const Measuring& how) {
             base = std::move(course.values);
         }
         const Observed seen = observed(learned.section, some, base, fits, chosen);
-        learned.found = tapered(learned.found, seen.taper);
-        some = tapered(some, seen.taper);
+        // at first profiles where the line is much broader or thinner are not chosen: no bend is inferred for them
+        const Taper taper = {seen.taper.part, step ? seen.taper.bend : 0.0};
+        learned.found = tapered(learned.found, taper);
+        some = tapered(some, taper);
         const Binned by_distance = binned(some, base, seen.heights, chosen, reach);
         if (step == 0 || phase_alike(some, chosen) >= ALIKE) {
             learned.section = nearest(by_distance, how.shapes);
