@@ -5,13 +5,15 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import asdict, field
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import cv2
 import numpy as np
 import yaml
 from pydantic import ConfigDict, Discriminator, Field, Tag, model_validator
 from pydantic.dataclasses import dataclass
+
+if TYPE_CHECKING:
+    import cv2  # slow to load
 
 DICTIONARY_SIZES = (50, 100, 250, 1000)
 DICTIONARIES = {f"DICT_{bits}X{bits}_{size}": size for bits in (4, 5, 6, 7) for size in DICTIONARY_SIZES} | {
@@ -316,6 +318,8 @@ class AprilGrid:
 
         tag_px : side of a tag, a multiple of `modules`. Kalibr's tags are turned by half against OpenCV's.
         """
+        import cv2
+
         gap_px = round(self.spacing * tag_px)
         across, down = (count * (tag_px + gap_px) + gap_px for count in (self.columns, self.rows))
         drawn = np.full((down, across), 255, np.uint8)
@@ -374,6 +378,8 @@ def _lattice(columns: int, rows: int) -> np.ndarray:
 
 
 def _dictionary(name: str) -> cv2.aruco.Dictionary:
+    import cv2
+
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
 
 
@@ -399,6 +405,8 @@ def _require_markers(dictionary: str, ids: np.ndarray, what: str) -> None:
 
 
 def opencv_board(spec: BoardSpec) -> cv2.aruco.CharucoBoard:
+    import cv2
+
     size, ids = (spec.squares_x, spec.squares_y), spec.marker_ids.astype(np.int32)
     board = cv2.aruco.CharucoBoard(size, spec.square_m, spec.marker_m, _dictionary(spec.dictionary), ids)
     board.setLegacyPattern(spec.legacy_pattern)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
 
 def grey(image: np.ndarray) -> np.ndarray:
     """(H, W) grey levels of a grey (H, W) or colour (H, W, 3 or 4) picture: blue, green, red, any depth."""
-    return image if image.ndim == 2 else cv2.cvtColor(np.ascontiguousarray(image[..., :3]), cv2.COLOR_BGR2GRAY)
+    if image.ndim == 2:
+        return image
+    import cv2  # slow to load
+
+    return cv2.cvtColor(np.ascontiguousarray(image[..., :3]), cv2.COLOR_BGR2GRAY)
 
 
 def coloured(image: np.ndarray) -> bool:

@@ -6,7 +6,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-import cv2
 import numpy as np
 
 from vbaa_calib.core.errors import InputError
@@ -269,6 +268,8 @@ def _within(paths: np.ndarray, corridor: Corridor) -> np.ndarray:
 
 def _downsampled(image: np.ndarray, factor: int) -> np.ndarray:
     """(h, w) uint8: blocks of `factor` pixels averaged; other depths than 8 bits are stretched to the full range."""
+    import cv2  # slow to load
+
     height, width = image.shape
     size = (max(width // factor, 1), max(height // factor, 1))
     cropped = image[: size[1] * factor, : size[0] * factor] if min(size) > 1 else image
