@@ -325,6 +325,8 @@ def _in_structure(data: bytes, path: str, rng: np.random.Generator) -> bytes:
 
 def outcome(reader: Reader, folder: Path, data: bytes) -> str:
     """What came of a reader on a file: "read", "refused", or in words what must not be."""
+    import viz.files.object_file  # noqa: F401  # VTK's libraries do not fit into the memory that a reader may take
+
     path = folder / reader.file
     good = path.read_bytes()
     path.unlink()
