@@ -509,9 +509,16 @@ def unseen_joints(case: Case) -> list[str]:
     joints = [row for row in READINGS if row.name in names and row.correct(few) is not None]
     # a row that looks the same was not tried
     unseen = [row for row in joints if gained.get(row, 0.0) > -case.settings.suspicious]
-    # a degree is hardly ever seen: alone it is no news
-    news = any(row.name != "joint_offset" for row in unseen)
+    # a degree is hardly ever seen: alone it is no news, unless more is not seen, either
+    news = any(row.name != "joint_offset" for row in unseen) or (bool(unseen) and _far_unseen(case))
     return list(dict.fromkeys(row.words for row in unseen)) if news else []
+
+
+def _far_unseen(case: Case) -> bool:
+    """Whether the least bent frames do not rule out an error of the tilt that takes places in the world far off."""
+    few = case.picked(_least_bent(case))
+    far = [_tilted(sign * case.settings.joint_far_rad, few.recorded) for sign in (-1.0, 1.0)]
+    return any(few.cost - few.cost_of(each) > -case.settings.suspicious for each in far if each is not None)
 
 
 def _least_bent(case: Case) -> np.ndarray:

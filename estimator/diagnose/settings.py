@@ -44,6 +44,7 @@ class RecordingSettings:
         *((-1.2, -0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9, 1.2), (-0.1, 0.1), (-0.03, 0.03)),
     )
     joint_step_rad: float = 0.0175  # prior standard deviation of an encoder's zero
+    joint_far_rad: float = 0.05  # error of the tilt that is not to pass unmentioned: a twentieth of the reach
     lag_step: float = 0.3  # prior standard deviation of what a clock is off by, of the time between rows
     knows: float = 0.3  # standard deviation of what a picture says of its moment, of the readings' range, at most
     visible: float = 0.3  # of the points' or the moment's standard deviation, what other joint angles change at least
