@@ -504,21 +504,20 @@ def _tried(case: Case) -> list[tuple[_ReadingMistake, float]]:
 def unseen_joints(case: Case) -> list[str]:
     """Possible mistakes of the joint angles, in words, that the recording cannot reveal, because it fits about as well
     with them."""
-    gained, few = dict(_tried(case)), case.recorded.picked(_least_bent(case))
+    gained, few = dict(_tried(case)), case.picked(_least_bent(case))
     names = ("tilt_sign", "joints_exchanged", "joints_late", "joint_offset")
-    joints = [row for row in READINGS if row.name in names and row.correct(few) is not None]
+    joints = [row for row in READINGS if row.name in names and row.correct(few.recorded) is not None]
     # a row that looks the same was not tried
     unseen = [row for row in joints if gained.get(row, 0.0) > -case.settings.suspicious]
     # a degree is hardly ever seen: alone it is no news, unless more is not seen, either
-    news = any(row.name != "joint_offset" for row in unseen) or (bool(unseen) and _far_unseen(case))
+    news = any(row.name != "joint_offset" for row in unseen) or (bool(unseen) and _far_unseen(few))
     return list(dict.fromkeys(row.words for row in unseen)) if news else []
 
 
-def _far_unseen(case: Case) -> bool:
-    """Whether the least bent frames do not rule out an error of the tilt that takes places in the world far off."""
-    few = case.picked(_least_bent(case))
-    far = [_tilted(sign * case.settings.joint_far_rad, few.recorded) for sign in (-1.0, 1.0)]
-    return any(few.cost - few.cost_of(each) > -case.settings.suspicious for each in far if each is not None)
+def _far_unseen(few: Case) -> bool:
+    """Whether some frames do not rule out an error of the tilt that takes places in the world far off."""
+    far = [_tilted(sign * few.settings.joint_far_rad, few.recorded) for sign in (-1.0, 1.0)]
+    return any(few.cost - few.cost_of(each) > -few.settings.suspicious for each in far if each is not None)
 
 
 def _least_bent(case: Case) -> np.ndarray:
