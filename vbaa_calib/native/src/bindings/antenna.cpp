@@ -55,11 +55,6 @@ auto universal_curve(const InMatrix& upsilon, const InVector& friction_rad) {
     return to_numpy(std::move(curve));
 }
 
-auto closed_form(double upsilon, double friction_rad) {
-    auto found = antenna::closed_form(upsilon, friction_rad, antenna::landen(0.5 * (1.0 - std::sin(friction_rad))));
-    return std::make_tuple(found.psi, found.along, found.across);
-}
-
 auto jacobi(double u, double m) {
     auto found = antenna::jacobi_at(u, antenna::landen(m));
     return std::make_tuple(found.sn, found.cn, found.dn, found.second);
@@ -111,7 +106,6 @@ void bind_antenna(nb::module_& module) {
     room.def("curves", &curves, "Points, tangents (B, N, 3), force (B, 3) and moment (B,) as a rung sees them.");
     room.def("bend", &bend, "The same by so many sweeps over the equilibrium of moments.");
     room.def("universal_curve", &universal_curve, "psi, C and S (3, B, N) at v (B, N), each row's largest first.");
-    room.def("closed_form", &closed_form, "psi, C and S at one v by Jacobi's functions.");
     room.def("jacobi", &jacobi, "sn, cn, dn of (u | m), and E(am(u | m) | m).");
     room.def("solve_rods", &solve_rods, "Nodes (B, N, 4, 3), clamp moments (B, 3) and what is left of the tips' (B,).");
     room.def("solve_touched_twice", &solve_touched_twice, "Nodes (B, N, 4, 3), solutions (B, 5), what is left (B,).");

@@ -125,10 +125,6 @@ void bind_profile(nb::module_& module) {
             "every profile has a base and four coefficients");
         return to_numpy(detect::normal_equations(found, view(base), {width_px, blur_px}, view(coefficients), reach_px));
     });
-    room.def("blurred_polynomials", [](double width_px, double blur_px, int reach_px) {
-        require_pixels(width_px, blur_px, reach_px);
-        return to_numpy(detect::blurred_polynomials({width_px, blur_px}, reach_px));
-    });
 }
 
 }  // namespace vbaa

@@ -60,19 +60,6 @@ void field(nb::class_<Crossings>& found, const char* name, Field Crossings::* wh
 void bind_smooth(nb::module_& room) {
     nb::enum_<Beyond> beyond_ends(room, "Beyond");
     beyond_ends.value("zeros", Beyond::zeros).value("end_value", Beyond::end_value).value("mirrored", Beyond::mirrored);
-    room.def("fit_smooth", [](InVector share, InVector values, InVector weights, const std::vector<double>& scales,
-                              int pieces, double stiffness) {
-        require(pieces > 0 && pieces < 10000, "a curve has 1 to 10000 pieces");
-        const std::size_t count = share.shape(0);
-        const auto level = of_size(values, count), weight = of_size(weights, count);
-        return to_numpy(std::move(fit_smooth(view(share), level, weight, scales, pieces, stiffness).values));
-    });
-    const auto solve = [](OutMatrix matrix, OutMatrix sides) {
-        const std::size_t count = matrix.shape(0);
-        require(matrix.shape(1) == count && sides.shape(0) == count, "a system is (M, M) for sides (M, S)");
-        solve_definite(view(matrix), view(sides));
-    };
-    room.def("solve_definite", solve);
     room.def("running_mean", [](InVector values, int size, Beyond beyond) {
         require(size > 0 && size < LONG, "a mean is of one value at least");
         return to_numpy(running_mean(view(values), size, beyond));
@@ -87,10 +74,6 @@ void bind_smooth(nb::module_& room) {
              [=](InVector values, int size) { return to_numpy(running_medians(of_numbers(values, size), size)); });
     room.def("running_maxima",
              [=](InVector values, int size) { return to_numpy(running_maxima(of_numbers(values, size), size)); });
-    room.def("triangle_sums", [](InMatrix values, int count) {
-        require(count > 0 && count < LONG, "a triangle has one value at least");
-        return to_numpy(triangle_sums(view(values), count));
-    });
     room.def("quantile", [](InVector values, double share) {
         require(values.shape(0) > 0 && share >= 0.0 && share <= 1.0, "a quantile, 0 to 1, is of one value at least");
         return quantile(view(values), share);
