@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from math import log10
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -41,12 +40,6 @@ def label(panel: Axes, title: str = "", x: str = "", y: str = "") -> None:
     panel.grid(alpha=0.3)
 
 
-def label_x(every: Sequence[Axes], across: int, x: str) -> None:
-    """One label for the shared x axis, below each panel that has none below it."""
-    for panel in every[-across:]:
-        panel.set_xlabel(x)
-
-
 def legend(figure: Figure, styles: Mapping[str, Style], hollow: str = "", columns: int = 6, title: str = "") -> None:
     """Below a figure: name → its mark; `hollow` : what hollow marks are."""
     from matplotlib.lines import Line2D
@@ -55,23 +48,3 @@ def legend(figure: Figure, styles: Mapping[str, Style], hollow: str = "", column
     if hollow:
         handles.append(Line2D([], [], ls="", marker="s", color=INK, markerfacecolor="none", label=hollow))
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, fontsize=8, title=title or None)
-
-
-def name_points(
-    panel: Axes, points: Sequence[tuple[str, float, float, str]], gap: float = 1.25, character: float = 0.035
-) -> None:
-    """Names (with x, y and colour) right of points on logarithmic axes, moved up where one would cover another.
-
-    `gap` : factor between lines. `character` : decades of x that a character takes.
-    """
-    placed: list[tuple[float, float, float]] = []
-    for name, x, y, colour in sorted(points, key=lambda point: point[2]):
-        left, height = log10(1.25 * x), y
-        right = left + character * len(name)
-        for low, first, last in sorted(placed):
-            if left < last and first < right and low / gap < height < low * gap:
-                height = low * gap
-        placed.append((height, left, right))
-        line = {"arrowstyle": "-", "lw": 0.4, "color": colour}
-        words = panel.annotate(name, (x, y), xytext=(1.25 * x, height), arrowprops=line, va="center", fontsize=6.5)
-        words.set(color=colour, in_layout=False)

@@ -223,23 +223,9 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Environment variables that limit the numerical libraries' threads."""
 
 
-_LEAST_S = 0.02
-"""Of a timing."""
-
-
 def _timer(function: Callable[[], object], clock: Callable[[], float] = time.perf_counter) -> Timer:
     """As `timeit` does it, but with garbage collected as usual."""
     return Timer(function, "import gc; gc.enable()", clock)
-
-
-def median_seconds(function: Callable[[], object], repeats: int) -> float:
-    """Median of `repeats` timings after one warm-up call.
-
-    Quick functions are repeated within each timing; one that takes over a second is timed once.
-    """
-    warm = _timer(function).timeit(1)
-    calls = max(1, int(_LEAST_S / max(warm, 1e-7)))
-    return float(np.median(_timer(function).repeat(1 if warm > 1.0 else repeats, calls))) / calls
 
 
 def least_seconds(function: Callable[[], object], repeats: int) -> float:

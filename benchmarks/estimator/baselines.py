@@ -15,9 +15,6 @@ from vbaa_calib.antenna.rungs import curves
 Bent = Callable[[float, np.ndarray], np.ndarray]
 """From contact distance, m, and f_y and f_z, N, to nodes (M, 3) of the antenna, antenna frame."""
 
-FIRST_GUESS = 0.7
-"""Of the length: beyond it the first straight line is drawn."""
-
 _FORCE_SCALE_N, _DISTANCE_SCALE_M = 0.01, 0.01
 _STEP, _MOST = 2e-3, 400
 """Of the difference quotients of shapes that came to rest, in parts of the unknowns; evaluations at most."""

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from benchmarks.chain.scenes import cell
 from benchmarks.estimator.bound import bound
 from benchmarks.estimator.scenes import Scenes, joined, push_for_deflection, rod_shapes, rolled, scenes
-from benchmarks.estimator.setup import drawn_truth
+from benchmarks.estimator.setup import TOWARDS_CLAMP, Setup, drawn_truth
+from benchmarks.vision.scenes import PLAIN, bare_studio
+from estimator.table.contacts import FRICTION_RAD
 from vbaa_calib.rig import Rig
+from vbaa_calib.simulate.render.antenna import tube, tube_patch
+from vbaa_calib.simulate.render.picture import LAMP_WORLD, digitise, expose
+from vbaa_calib.simulate.scene.lens import Lens
 
 REACH, DEFLECTION_M, ROLL_RAD = (0.3, 0.8), (0.004, 0.008), np.radians(60.0)
 """Contact distances over length, deflections there, and the largest roll of the deformation plane."""
@@ -21,8 +25,8 @@ JOINTS_RAD = 0.4
 RUBBED = 0.5
 """Share of the frames with friction, where there is any."""
 TRUE_RIGS = 20
-SIZE = 1280, 720
-"""Of pictures, px."""
+SIZE, PICTURE_JOINTS_RAD = (1280, 720), (0.3, -0.25)
+"""Of pictures, px; pan and tilt of all of them: weight bends the antenna along y and z."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,12 +76,32 @@ def population(
 
 
 def photographed(count: int, seed: int) -> tuple[Rig, dict[str, np.ndarray]]:
-    """Pictures in memory with what is read beside them, and the rig that is calibrated for them."""
-    pages = cell(SIZE, "calibrated", count, seed)
-    truths = [one.truth for one in pages.photographs]
-    return pages.rig, {
-        "images": np.array([one.image for one in pages.photographs]),
-        "moment_Nm": np.array([one.moment_Nm for one in pages.photographs]),
-        "pan_rad": np.concatenate([one.pan_rad for one in truths]),
-        "tilt_rad": np.concatenate([one.tilt_rad for one in truths]),
-    }
+    """The calibrated rig, and pictures in memory with what is read at the same time, each from a true rig of its own.
+
+    Shapes are the static rod's, pictures the simulator's: in focus, light from one side and dark corners, nothing
+    behind.
+    """
+    rng = np.random.default_rng([seed, *SIZE, False])
+    setup = Setup(tilt_rad=np.radians(30.0), azimuth_rad=TOWARDS_CLAMP, image_size=SIZE, real=True, exact=False)
+    images, moments = zip(*(_picture(drawn_truth(setup.rig(), rng), rng) for _ in range(count)), strict=True)
+    pan, tilt = (np.full(count, angle) for angle in PICTURE_JOINTS_RAD)
+    return setup.rig(), {"images": np.array(images), "moment_Nm": np.array(moments), "pan_rad": pan, "tilt_rad": tilt}
+
+
+def _picture(rig: Rig, rng: np.random.Generator) -> tuple[np.ndarray, float]:
+    """The picture (H, W) uint8 and the moment's reading, N·m, of one contact at random."""
+    antenna, (pan, tilt) = rig.antenna, PICTURE_JOINTS_RAD
+    distance = rng.uniform(*REACH, 1) * antenna.length_m
+    size = push_for_deflection(rng.uniform(DEFLECTION_M[0], 0.010, 1), distance, antenna.stiffness_Nm2)
+    push = rolled(size * rng.choice([-1.0, 1.0]), rng.uniform(-ROLL_RAD, ROLL_RAD))
+    friction = np.clip(FRICTION_RAD * rng.normal(size=1), -1.0, 1.0)
+    truth = scenes(rig, distance, push, friction, made_by=rod_shapes, pan_rad=pan, tilt_rad=tilt)
+    at, to_camera = np.linspace(0.0, antenna.length_m, 161), rig.T_antenna_camera.inverse()
+    lens = Lens(rig.camera.model, SIZE, rig.camera.matrix, rig.camera.distortion)
+    lamp = to_camera.rotation @ rig.kinematics.T_world_antenna(pan, tilt).rotation.T @ LAMP_WORLD
+    points = to_camera @ rod_shapes(rig, truth.touches, at).points_m[0]
+    studio = bare_studio(lens, replace(PLAIN, vignette=0.3, gradient=0.3))
+    seen = tube_patch(studio, tube(lens, at, points, antenna.diameter_m / 2, lamp), studio.spec.antenna)
+    canvas = np.full(SIZE[::-1], studio.spec.background, np.float32)
+    image = digitise(studio.spec, expose(studio, canvas, [] if seen is None else [seen]), rng)
+    return image, float(truth.moment_Nm[0]) + rig.moment_sensor.std_Nm * rng.normal()

@@ -26,7 +26,7 @@ EXAMPLES = {
         "vbaa simulate scene.yaml -o synthetic/session",
         "vbaa simulate scene.yaml --pictures none -o without_pictures",
     ),
-    "bench": ("vbaa bench metric --quick", "vbaa bench metric --quick --out new/"),
+    "bench": ("vbaa bench vision --quick", "vbaa bench vision --quick --out new/"),
     "convert": (
         "vbaa convert rig.json --to ros -o camera_info.yaml",
         "vbaa convert rig.json --to opencv -o camera.yml",
