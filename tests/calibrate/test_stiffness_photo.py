@@ -193,3 +193,19 @@ def test_the_verb_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixt
     assert len(Path(out[2]).read_text().splitlines()) == 1 + len(document["moment_curvature"])
     assert main([*call, "-o", out[0]]) == 2
     assert "--force" in capsys.readouterr().err
+
+
+def test_a_phone_on_its_side_is_turned_upright(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    """Gravity and clicks are those of the picture that a viewer turns by its EXIF orientation."""
+    upright = drawn(rod(lambda s, moment: moment / 1e-3, 0.0, 1.0), np.random.default_rng(0))
+    stored = cv2.imencode(".jpg", cv2.rotate(upright, cv2.ROTATE_90_COUNTERCLOCKWISE))[1].tobytes()
+    turn = b"Exif\0\0MM\0*\0\0\0\x08\0\x01" + bytes.fromhex("0112 0003 00000001 0006 0000 00000000")
+    pictures = {"upright.jpg": cv2.imencode(".jpg", upright)[1].tobytes()}
+    pictures["turned.jpg"] = stored[:2] + b"\xff\xe1" + (len(turn) + 2).to_bytes(2, "big") + turn + stored[2:]
+    found = []
+    for name, data in pictures.items():
+        (tmp_path / name).write_bytes(data)
+        assert main(["stiffness", str(tmp_path / name), "--length", "0.2", "--weight", "0.3", "--json"]) == 0
+        found.append(json.loads(capsys.readouterr().out))
+    one, other = ([*each["clamp_px"], *each["tip_px"], 1e6 * each["stiffness_Nm2"]] for each in found)
+    assert one == pytest.approx(other, rel=0.02, abs=1.0)

@@ -218,7 +218,8 @@ def _report(document: dict[str, Any]) -> None:
 
 def _add_photo_options(parser: argparse.ArgumentParser) -> None:
     """Add the flags for a photograph."""
-    group = parser.add_argument_group("photograph", "pixels count from the middle of the upper left one")
+    pixels = "pixels count from the middle of the upper left one, upright as the camera's EXIF rotation says"
+    group = parser.add_argument_group("photograph", pixels)
     group.add_argument("--length", type=float, metavar="M", help="of the rod from clamp to tip, in metres: the scale")
     group.add_argument("--marks", type=_pixel, nargs=2, metavar="U,V", help="two marks in the rod's plane: the scale")
     group.add_argument("--apart", type=float, metavar="M", help="how far apart these are, in metres")
@@ -265,7 +266,7 @@ def _run_photo(args: argparse.Namespace) -> dict[str, Any]:
     outputs = [path for path in (args.output, args.moments, args.overlay) if path is not None]
     refuse_outputs(outputs, args.force, photos)
     setting = _setting(args)
-    pictures = [read_picture(path) for path in photos]
+    pictures = [read_picture(path, upright=True) for path in photos]  # gravity is down
     height, width = pictures[0].shape[:2]
     if args.marks is not None and not all(0 <= u < width and 0 <= v < height for u, v in args.marks):
         what, remedy = f"a mark lies outside this picture of {width}x{height} px", "give both as U,V in its pixels"

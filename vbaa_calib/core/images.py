@@ -54,14 +54,15 @@ def read_gray(path: Path, data: bytes | None = None) -> np.ndarray:
     return pixels if pixels.dtype == np.uint8 else _scaled(pixels, np.rint, np.uint8)
 
 
-def read_picture(path: Path, data: bytes | None = None) -> np.ndarray:
+def read_picture(path: Path, data: bytes | None = None, upright: bool = False) -> np.ndarray:
     """One picture at full depth and in colour: (H, W) grey or (H, W, 3) blue, green, red, in the sensor's
-    orientation.
+    orientation, or upright by its EXIF rotation, as viewers turn it.
 
     uint8, or float32 from 0 to 255 where there are more bits, scaled as `read_gray` does. Transparency is left out.
     data : the file's bytes, where they were read already. Raises InputError as `read_gray` does.
     """
-    return as_levels(_pixels(data, Path(path), cv2.IMREAD_UNCHANGED))
+    turned = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH
+    return as_levels(_pixels(data, Path(path), turned if upright else cv2.IMREAD_UNCHANGED))
 
 
 def as_levels(pixels: np.ndarray) -> np.ndarray:
@@ -212,7 +213,7 @@ def _pixels(data: bytes | None, path: Path, colours: int) -> np.ndarray:
     data = read_bytes(path, "picture") if data is None else data
     _announced(data, path)
     # "unchanged" is all bits set, and keeps depth and orientation by itself
-    kept = 0 if colours == cv2.IMREAD_UNCHANGED else cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+    kept = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION if colours == cv2.IMREAD_GRAYSCALE else 0
     pixels = None
     # the level is global to the process, so two threads must not restore each other's
     with _log_level, contextlib.suppress(cv2.error):
