@@ -33,11 +33,11 @@ CXX_CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b(?=[^=;(,]*=)")
 MOST = {
     "module constants": 888,
     "class names used twice": 0,
-    "classes": 443,
-    "public names": 1107,
+    "classes": 439,
+    "public names": 1100,
     "private words": 53,
     "type: ignore": 4,
-    "words on pages": 29961,
+    "words on pages": 29954,
 }
 """What there may be of each. A number only goes down: a change that needs fewer lowers it."""
 

@@ -63,7 +63,7 @@ class _ClampSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class ClampTrack:
+class _ClampTrack:
     """One antenna's clamp in F frames of a recording, with the bow from its free frames.
 
     Attributes
@@ -109,7 +109,7 @@ def clamp_tracks(
     frames: Sequence[Frame],
     lines: Mapping[str, Mapping[int, np.ndarray]],
     settings: _ClampSettings = _ClampSettings(),
-) -> dict[str, ClampTrack]:
+) -> dict[str, _ClampTrack]:
     """The clamps of antennas by name, from their lines by frame (N, 3) of u_px, v_px, sigma_px or NaN, each
     beginning at the clamp. Raises InputError for an antenna that the rig does not have."""
     rigs = {name: replace(rig.of_antenna(name), clamp=None) for name in lines}
@@ -262,13 +262,13 @@ def _track(
     found: np.ndarray,
     doubts: list[str],
     settings: _ClampSettings,
-) -> ClampTrack:
+) -> _ClampTrack:
     """The track with the clamp's priors, and the bow estimated from free frames."""
     usable = np.array([not each for each in doubts]) & np.isfinite(found[:, 0])
     clamp, first = whole.clamp, len(POSE_PARAMETERS)
     assert clamp is not None
     if not usable.any():
-        return ClampTrack(rig, found[:, :3], doubts, 0.0, 0.0, 0)
+        return _ClampTrack(rig, found[:, :3], doubts, 0.0, 0.0, 0)
     across_m, turn_rad = settings.prior * np.quantile(found[usable, 4:6], 0.95, axis=0)
     # what depth and turn out of the plane do to a picture off the lens's axis
     oblique = (
@@ -279,7 +279,7 @@ def _track(
     std = np.array([across_m, clamp.depth_std_m, clamp.elevation_std_rad, turn_rad])
     covariance = rig.covariance.copy()
     covariance[range(first, first + 4), range(first, first + 4)] += std**2
-    track = ClampTrack(rig.with_covariance(covariance), found[:, :3], doubts, 0.0, 0.0, 0)
+    track = _ClampTrack(rig.with_covariance(covariance), found[:, :3], doubts, 0.0, 0.0, 0)
     track = _with_bow(track, seen, np.flatnonzero(usable), (std, found[:, 7]), settings)
     bow_std = track.rig.std("bow_about_z_per_m")
     if bow_std * rig.antenna.length_m > settings.bow_rad:
@@ -305,12 +305,12 @@ def _along_m(places: np.ndarray, usable: np.ndarray) -> float:
 
 
 def _with_bow(
-    track: ClampTrack,
+    track: _ClampTrack,
     seen: tuple[Sequence[Frame], Mapping[int, np.ndarray]],
     usable: np.ndarray,
     known: tuple[np.ndarray, np.ndarray],
     settings: _ClampSettings,
-) -> ClampTrack:
+) -> _ClampTrack:
     """The track with the bow in the picture common to its free frames, and its variation between them.
 
     In each frame bow and clamp are fitted together; frames that a force explains better are not free. known : prior
@@ -354,7 +354,7 @@ def _crowded(values: np.ndarray, share: float) -> float:
     return float(np.median(ordered[begin : begin + count]))
 
 
-def _with(track: ClampTrack, bow_per_m: float) -> ClampTrack:
+def _with(track: _ClampTrack, bow_per_m: float) -> _ClampTrack:
     """The track with another bow in the picture."""
     antenna, at = track.rig.antenna, _bow() - len(POSE_PARAMETERS)
     parameters = antenna.parameters.copy()
@@ -362,7 +362,7 @@ def _with(track: ClampTrack, bow_per_m: float) -> ClampTrack:
     return replace(track, rig=replace(track.rig, antenna=replace(antenna, parameters=parameters)))
 
 
-def _own_bow(track: ClampTrack, row: int, measured: Measured, axes: np.ndarray) -> tuple[float, float] | None:
+def _own_bow(track: _ClampTrack, row: int, measured: Measured, axes: np.ndarray) -> tuple[float, float] | None:
     """Change of bow that a free frame indicates, and its variance, in units of the last of `axes` (17 + P, 5); the
     other axes are the clamp's; None for a frame that is not free."""
     rig = track.at(row)
@@ -379,7 +379,7 @@ def _own_bow(track: ClampTrack, row: int, measured: Measured, axes: np.ndarray) 
 
 
 def estimate_antennas(
-    tracks: Mapping[str, ClampTrack],
+    tracks: Mapping[str, _ClampTrack],
     frames: Sequence[Frame],
     lines: Mapping[str, Mapping[int, np.ndarray]],
     *,
@@ -398,7 +398,7 @@ def estimate_antennas(
 
 def _estimated(
     name: str,
-    track: ClampTrack,
+    track: _ClampTrack,
     frames: Sequence[Frame],
     several: Iterator[Measured],
     how: tuple[str, float],
@@ -439,7 +439,7 @@ def _estimated(
     yield from finished(motion.finish())
 
 
-def _widened(contact: Contact, track: ClampTrack) -> Contact:
+def _widened(contact: Contact, track: _ClampTrack) -> Contact:
     """The contact with the first point's position uncertainty added to the distance, and without shared errors,
     which are unknown for a clamp that moves."""
     unknown = np.full(3, np.nan)

@@ -14,8 +14,8 @@ from estimator.solver.frames import Frames
 from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import Contact
 from vbaa_calib.antenna.rungs import RUNGS
-from vbaa_calib.core.least_squares import HUBER, Rules, levenberg_marquardt
-from vbaa_calib.core.robust import mad_std
+from vbaa_calib.core.least_squares import Rules, levenberg_marquardt
+from vbaa_calib.core.robust import huber_losses, huber_weights, mad_std
 from vbaa_calib.native import core
 from vbaa_calib.rig import Rig
 
@@ -278,7 +278,7 @@ class _TwoContactFrame:
         if errors is None or len(errors) != self.by_rig.shape[1]:
             errors = np.zeros(self.by_rig.shape[1])
         left = residuals - self.by_rig @ errors
-        cost = HUBER.losses(left).sum() + 0.5 * float(errors @ errors + self.prior @ unknowns**2)
+        cost = huber_losses(left).sum() + 0.5 * float(errors @ errors + self.prior @ unknowns**2)
         return _TwoContactFit(unknowns, residuals, columns, errors, left, float(cost), foot, normal, shape)
 
     def _bends(self, unknowns: np.ndarray) -> np.ndarray:
@@ -326,7 +326,7 @@ class _TwoContactFrame:
     def _equations(self, at: _TwoContactFit, columns: np.ndarray) -> tuple[np.ndarray, ...]:
         """Information (F, F) and right side (F,) of the residuals by columns (M, F), with the rig's errors
         marginalised; mixed information (R, F), and information (R, R) and right side (R,) of these errors."""
-        weights = HUBER.weights(at.left)
+        weights = huber_weights(at.left)
         weighted, of_rig = weights[:, None] * columns, weights[:, None] * self.by_rig
         mixed, own = self.by_rig.T @ weighted, np.eye(self.by_rig.shape[1]) + self.by_rig.T @ of_rig
         pull_of_rig = of_rig.T @ at.left - at.errors
@@ -407,7 +407,7 @@ class _TwoContactFrame:
                 break
         whole = np.column_stack([at.columns[:, free], self.by_rig])
         prior = np.append(self.prior[list(free)], np.ones(self.by_rig.shape[1]))
-        information = whole.T @ (HUBER.weights(at.left)[:, None] * whole) + np.diag(prior)
+        information = whole.T @ (huber_weights(at.left)[:, None] * whole) + np.diag(prior)
         self.by_rig = before
         return at, np.linalg.pinv(information, hermitian=True), outputs
 
@@ -483,7 +483,7 @@ def _misfit(at: _TwoContactFit) -> tuple[float, float]:
     """Rms of the points' residuals relative to the scatter of neighbouring ones, and this scatter, at least 1."""
     left = at.left[: len(at.foot)]
     scatter = max(float(mad_std(np.diff(left)) / np.sqrt(2.0)) if len(left) > 2 else 1.0, 1.0)
-    return float(np.sqrt(np.mean(HUBER.weights(at.left)[: len(left)] * left**2))) / scatter, scatter
+    return float(np.sqrt(np.mean(huber_weights(at.left)[: len(left)] * left**2))) / scatter, scatter
 
 
 def _best_pair(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimator.contact.moving_clamp import ClampTrack, clamp_tracks, estimate_antennas
+from estimator.contact.moving_clamp import _ClampTrack, clamp_tracks, estimate_antennas
 from estimator.contact.recording import FrameContact
 from estimator.table.contacts import LOCATED
 from estimator.table.files import read_contacts
@@ -100,7 +100,7 @@ def test_intervals_hold_with_a_clamp_of_every_frame(whiskers: Path, sigma_px: fl
 
 def estimated(
     whiskers: Path, changed: Mapping[str, Mapping[int, np.ndarray]] | None = None
-) -> tuple[dict[str, ClampTrack], dict[tuple[str, int], FrameContact]]:
+) -> tuple[dict[str, _ClampTrack], dict[tuple[str, int], FrameContact]]:
     """The recording's antennas by name and frame; `changed` lines in the place of its own."""
     rig, frames = Rig.load(whiskers / "whiskers.yaml"), recording_of(whiskers / "readings.csv", with_images=False)
     lines = dict(antennas_of(whiskers / "centrelines.csv") if changed is None else changed)

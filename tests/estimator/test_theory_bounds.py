@@ -94,7 +94,7 @@ class TestClosedForm:
         """Slopes of the beam itself, point by point; an unknown clamp angle is one column more."""
         x = (np.arange(4000) + 0.5) / 4000
         columns = [deflection_by_contact(x, reach, 1.0, 1.0) * reach, linear.deflection(x, reach, 1.0, 1.0), x]
-        table = np.stack(columns) / float(linear.deflection_at_contact(reach, 1.0, 1.0))
+        table = np.stack(columns) / float(linear.deflection(reach, reach, 1.0, 1.0))
         covariance = np.linalg.inv(table[:2] @ table[:2].T / len(x))
         found = np.sqrt(np.diag(covariance))
         np.testing.assert_allclose(found, factors(reach)[:2], rtol=1e-5)
@@ -144,7 +144,7 @@ class TestAgainstTheNumericalBound:
         """l·f read to ρ of itself: 1/var = 1/var without + (ē − 1)²/(ρ² + σ²/N⟨y²⟩), which is most of what is known."""
         x = (np.arange(POINTS) + 0.5) / POINTS
         table = np.stack([deflection_by_contact(x, REACH, 1.0, 1.0) * REACH, linear.deflection(x, REACH, 1.0, 1.0)])
-        table /= 2e-2 * float(linear.deflection_at_contact(REACH, 1.0, 1.0))
+        table /= 2e-2 * float(linear.deflection(REACH, REACH, 1.0, 1.0))
         mean = float(table[0] @ table[1] / (table[1] @ table[1]))
         alone = np.linalg.inv(table @ table.T)[0, 0]
         for read in (0.1, 0.01, 1e-4):

@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 from vbaa_calib.core.errors import Disconnected, InputError
 from vbaa_calib.sources import PictureSource, live
 from vbaa_calib.sources.files import _without_secrets
-from vbaa_calib.sources.live import StreamSettings, open_camera, open_stream
+from vbaa_calib.sources.live import _StreamSettings, open_camera, open_stream
 
-QUICK = StreamSettings(open_s=0.6, silence_s=0.4, failures=3)
+QUICK = _StreamSettings(open_s=0.6, silence_s=0.4, failures=3)
 
 
 class FakeCamera:
@@ -134,7 +134,7 @@ def test_a_camera_that_does_not_start_is_refused(plug, plays: list[str], opens: 
     assert not isinstance(raised.value, Disconnected)
 
 
-PATIENT = StreamSettings(open_s=2.0, silence_s=1.5, failures=1, retries_s=(0.05, 0.1))
+PATIENT = _StreamSettings(open_s=2.0, silence_s=1.5, failures=1, retries_s=(0.05, 0.1))
 
 
 class Camera(ThreadingHTTPServer):

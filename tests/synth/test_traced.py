@@ -16,7 +16,7 @@ from vbaa_calib.simulate.render.picture import studio
 from vbaa_calib.simulate.scene.objects import Bump, TouchObject
 from vbaa_calib.simulate.scene.scene import Joints, SceneSpec, true_rod
 from vbaa_calib.simulate.scene.scene_file import load_scene
-from vbaa_calib.simulate.traced import Exposure, Tracer, _load_mitsuba
+from vbaa_calib.simulate.traced import Exposure, _load_mitsuba, _Tracer
 
 from ..small_scene import small_scene
 
@@ -97,7 +97,7 @@ def test_a_traced_antenna_lies_where_its_truth_says(traced_scene: SceneSpec) -> 
     curve = (shape.arclength_m[0], shape.points_m[0], scene.radius_m)
     white = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.9}}
     poses = scene.T_world_camera(joints), scene.T_world_antenna(joints)
-    tracer = Tracer(_load_mitsuba(), scene, rays, {}, 1.0)
+    tracer = _Tracer(_load_mitsuba(), scene, rays, {}, 1.0)
     # a lamp in the camera lights both flanks alike
     lamp = {
         "type": "point",

@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike
 def deflection(x_m: ArrayLike, contact_m: ArrayLike, force_N: ArrayLike, stiffness_Nm2: ArrayLike) -> Any:
     """Deflection (...) in m at x under a transverse point force at l.
 
-    Curved part 0 < x ≤ l: Eq. (1), on plane C with f_y Eq. (6). Straight part x ≥ l: Eq. (2), on plane C Eq. (7).
+    Curved part 0 < x ≤ l: Eq. (1), on plane C with f_y Eq. (6). Straight part x ≥ l: Eq. (2), on plane C Eq. (7). At
+    the contact itself, x = l: Δy by f_y, Eq. (17), and Δz by f_z, Eq. (18).
     """
     x, contact, force, stiffness = _floats(x_m, contact_m, force_N, stiffness_Nm2)
     near, far = _ordered(_not_negative(x), _not_negative(contact))
@@ -30,12 +31,6 @@ def slope(x_m: ArrayLike, contact_m: ArrayLike, force_N: ArrayLike, stiffness_Nm
     x, contact, force, stiffness = _floats(x_m, contact_m, force_N, stiffness_Nm2)
     bent, _ = _ordered(_not_negative(x), _not_negative(contact))
     return force * (2.0 * contact - bent) * bent / (2.0 * stiffness)
-
-
-def deflection_at_contact(contact_m: ArrayLike, force_N: ArrayLike, stiffness_Nm2: ArrayLike) -> Any:
-    """Displacement (...) in m of the contact: f_y gives Δy, Eq. (17); f_z gives Δz, Eq. (18)."""
-    contact, force, stiffness = _floats(contact_m, force_N, stiffness_Nm2)
-    return force * _not_negative(contact) ** 3 / (3.0 * stiffness)
 
 
 def _floats(*values: ArrayLike) -> list[np.ndarray]:

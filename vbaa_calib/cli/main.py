@@ -106,16 +106,13 @@ class _Parser(argparse.ArgumentParser):
         raise InputError(f"there is no option {unknown}" if unknown else message, where=verb or None, remedy=remedy)
 
 
-class _Version(argparse.Action):
-    """Prints the version and a digest of the sources."""
-
-    def __call__(self, *_: object) -> NoReturn:
-        digest, root = hashlib.sha256(), Path(vbaa_calib.__file__).parents[1]
-        for package in ("estimator", "targets", "vbaa", "vbaa_calib", "viz"):
-            for path in sorted((root / package).rglob("*.py")):
-                digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
-        print(f"vbaa-calib {vbaa_calib.__version__} ({digest.hexdigest()[:12]})")
-        raise SystemExit(0)
+def _version() -> str:
+    """The version, and a digest of the sources."""
+    digest, root = hashlib.sha256(), Path(vbaa_calib.__file__).parents[1]
+    for package in ("estimator", "targets", "vbaa", "vbaa_calib", "viz"):
+        for path in sorted((root / package).rglob("*.py")):
+            digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
+    return f"vbaa-calib {vbaa_calib.__version__} ({digest.hexdigest()[:12]})"
 
 
 def _front_parser() -> _Parser:
@@ -131,7 +128,7 @@ def _front_parser() -> _Parser:
         allow_abbrev=False,
     )
     parser.add_argument("verb", help=argparse.SUPPRESS)
-    parser.add_argument("--version", action=_Version, nargs=0, help="version, and digest of the code that runs")
+    parser.add_argument("--version", action="store_true", help="version, and digest of the code that runs")
     return parser
 
 
@@ -154,6 +151,9 @@ def _verb_parser(name: str) -> _Parser:
 
 def run_verb(argv: Sequence[str]) -> int:
     """Run a command line; returns its exit code. Raises our errors."""
+    if list(argv[:1]) == ["--version"]:
+        print(_version())
+        return 0
     name = _front_parser().parse_args(argv[:1]).verb
     if name not in VERBS:
         close = difflib.get_close_matches(name, VERBS, n=1)

@@ -153,16 +153,11 @@ def without_own(shared: np.ndarray, own: np.ndarray, bounds: np.ndarray) -> np.n
     return np.asarray(flat - basis @ (basis.mT @ flat))
 
 
-class Loss(NamedTuple):
-    """A robust loss: the losses of residuals (R,), and the weights on their squares."""
-
-    losses: Callable[[np.ndarray], np.ndarray]
-    weights: Callable[[np.ndarray], np.ndarray]
-
-
-HUBER = Loss(huber_losses, huber_weights)
-SOFT_L1 = Loss(soft_l1_losses, soft_l1_weights)
-SQUARES = Loss(lambda residuals: 0.5 * residuals**2, np.ones_like)
+Loss = tuple[Callable[[np.ndarray], np.ndarray], Callable[[np.ndarray], np.ndarray]]
+"""A robust loss: residuals (R,) to their losses, and to the weights on their squares."""
+HUBER: Loss = huber_losses, huber_weights
+SOFT_L1: Loss = soft_l1_losses, soft_l1_weights
+SQUARES: Loss = lambda residuals: 0.5 * residuals**2, np.ones_like
 
 
 class ScoreTest(NamedTuple):
@@ -278,14 +273,14 @@ class Linearised:
     def weights(self) -> np.ndarray:
         """(R,) factors on residuals and Jacobian that turn the robust cost into least squares."""
         measured = len(self.residuals) - self.certain
-        return np.concatenate([np.sqrt(self.loss.weights(self.residuals[:measured])), np.ones(self.certain)])
+        return np.concatenate([np.sqrt(self.loss[1](self.residuals[:measured])), np.ones(self.certain)])
 
     @property
     def cost(self) -> float:
         """The cost: the robust loss of the data residuals plus half the squares of the priors'."""
         measured = len(self.residuals) - self.certain
         prior = self.residuals[measured:]
-        return float(self.loss.losses(self.residuals[:measured]).sum()) + 0.5 * float(prior @ prior)
+        return float(self.loss[0](self.residuals[:measured]).sum()) + 0.5 * float(prior @ prior)
 
     @property
     def is_finite(self) -> bool:

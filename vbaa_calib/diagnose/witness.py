@@ -15,7 +15,7 @@ from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
 from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN, OFFSET, LensLost, Problem
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import SolveError
-from vbaa_calib.core.least_squares import SQUARES, Linearised, Loss, Rules, minimise
+from vbaa_calib.core.least_squares import SQUARES, Linearised, Rules, minimise
 from vbaa_calib.core.robust import huber_weights, mad_std
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig.reprojection import ImageCurves, SeenPoints, feet, image_curves, see
@@ -337,7 +337,7 @@ class Witness:
             columns = self._columns(alter, std, at, residuals)
         except (ValueError, LensLost, np.linalg.LinAlgError):
             return None
-        linearised = Linearised(at, residuals, jacobian, problem.certain, loss=Loss(_losses, _weights))
+        linearised = Linearised(at, residuals, jacobian, problem.certain, loss=(_losses, _weights))
         return _with_values(linearised, columns, values, std)
 
     def _columns(self, alter: Alteration, std: np.ndarray, at: np.ndarray, misfits: np.ndarray) -> list[np.ndarray]:

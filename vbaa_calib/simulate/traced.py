@@ -75,7 +75,7 @@ class TracedPictures:
         return Exposure(scene.T_world_camera(joints), scene.T_world_antenna(joints), drawn)
 
     def _taken(
-        self, from_: Tracer, exposures: list[Exposure], things: dict[str, Any], rng: np.random.Generator
+        self, from_: _Tracer, exposures: list[Exposure], things: dict[str, Any], rng: np.random.Generator
     ) -> np.ndarray:
         spec, light = self._place.spec, self._place.light
         linear = from_.picture(exposures, things, int(rng.integers(2**31)))
@@ -151,7 +151,7 @@ class Exposure:
 
 
 @dataclass(frozen=True, eq=False)
-class Tracer:
+class _Tracer:
     """What all traced pictures of a scene share: mitsuba, the lens, the surroundings, the radiance of a white card."""
 
     mi: Any
@@ -186,7 +186,7 @@ class Tracer:
         """Points (..., 3) in mitsuba's coordinates, mm."""
         return _MM * (points_world_m - _origin(self.scene) + np.array([0.0, 0.0, self.lift_m]))
 
-    def raised_above(self, points_world_m: np.ndarray) -> Tracer:
+    def raised_above(self, points_world_m: np.ndarray) -> _Tracer:
         """The tracer with the rig lifted until points (N, 3) are above everything on the bench."""
         needed = TRACE.clear_m - self.scene.traced.bench_below_m + _origin(self.scene)[2] - points_world_m[:, 2].min()
         return replace(self, lift_m=max(float(needed), 0.0))
@@ -235,7 +235,7 @@ class Tracer:
         }
 
 
-def _tracer(scene: SceneSpec, rays: RayMap, rng: np.random.Generator) -> Tracer:
+def _tracer(scene: SceneSpec, rays: RayMap, rng: np.random.Generator) -> _Tracer:
     """Prepare a scene. Raises InputError without mitsuba, or for a lens too wide for a pinhole."""
     mi = _load_mitsuba()
     if np.abs(rays.padded).max() > TRACE.widest:
@@ -249,7 +249,7 @@ def _tracer(scene: SceneSpec, rays: RayMap, rng: np.random.Generator) -> Tracer:
     things = _lights(spec.light) | _bench(spec.bench, spec.bench_roughness, middle[:2], along, rng)
     around = {name: _loaded(mi, thing, below) for name, thing in things.items()}
     lit = {name: thing for name, thing in around.items() if name in _lights(spec.light)}
-    return Tracer(mi, scene, rays, around, _card(mi, lit, middle))
+    return _Tracer(mi, scene, rays, around, _card(mi, lit, middle))
 
 
 def _origin(scene: SceneSpec) -> np.ndarray:

@@ -26,7 +26,7 @@ _Fault = Literal["closed", "blank", "broken", "hung"]
 
 
 @dataclass(frozen=True)
-class StreamSettings:
+class _StreamSettings:
     """Timeouts of a device, and the number of failures after which it is abandoned."""
 
     open_s: float = 10.0  # timeout of the first frame
@@ -56,7 +56,7 @@ class LiveSource:
         self,
         name: str,
         opener: Callable[[], cv2.VideoCapture],
-        patience: StreamSettings,
+        patience: _StreamSettings,
         faults: Mapping[_Fault, tuple[str, str]],
         seen: Container[str] = (),
         settings: Sequence[str] = (),
@@ -277,7 +277,7 @@ def open_camera(
     device: int | str,
     asked: Mapping[str, Any] | None = None,
     seen: Container[str] = (),
-    patience: StreamSettings | None = None,
+    patience: _StreamSettings | None = None,
 ) -> LiveSource:
     """A running camera. Raises InputError if it is missing or gives no picture."""
     name, notes = f"camera:{device}", list[str]()
@@ -291,7 +291,7 @@ def open_camera(
             notes[:] = [*_set_up(capture, asked or {}), "the camera's automatic exposure is left as it is"]
         return capture
 
-    source = LiveSource(name, opened, patience or StreamSettings(), _CAMERA_FAULTS, seen, notes)
+    source = LiveSource(name, opened, patience or _StreamSettings(), _CAMERA_FAULTS, seen, notes)
     source.stamped = sys.platform.startswith("linux")
     return source
 
@@ -339,10 +339,10 @@ def _set_up(capture: cv2.VideoCapture, wanted: Mapping[str, Any]) -> tuple[str, 
 
 
 # FFmpeg has tried on its own before a read fails
-_STREAM_PATIENCE = StreamSettings(failures=1, retries_s=(0.5, 1.0, 2.0, 4.0))
+_STREAM_PATIENCE = _StreamSettings(failures=1, retries_s=(0.5, 1.0, 2.0, 4.0))
 
 
-def open_stream(url: str, seen: Container[str] = (), patience: StreamSettings = _STREAM_PATIENCE) -> LiveSource:
+def open_stream(url: str, seen: Container[str] = (), patience: _StreamSettings = _STREAM_PATIENCE) -> LiveSource:
     """A running stream, reopened a few times if it breaks off. Raises InputError, without the URL's secrets."""
     name, stored = printable(url), False
     _check_url(url, name)

@@ -5,6 +5,6 @@ They are implemented as published, with their assumptions; `METHODS` lists them.
 """
 
 from .methods import METHODS, run_method
-from .press import Answer, Noise, Press, Ring, Wire, press_from_recording
+from .press import Answer, Press, Wire, press_from_recording
 
-__all__ = ["METHODS", "Answer", "Noise", "Press", "Ring", "Wire", "press_from_recording", "run_method"]
+__all__ = ["METHODS", "Answer", "Press", "Wire", "press_from_recording", "run_method"]

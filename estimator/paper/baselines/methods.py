@@ -15,7 +15,7 @@ from estimator.paper.two_point import force_z, two_point_contact
 from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import InputError
 
-from .press import Answer, Press, Ring
+from .press import Answer, Press
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def _slope(press: Press, turn: np.ndarray, moment: np.ndarray) -> _Slope:
     if spread <= 0.0:
         return np.nan, np.nan, np.nan
     slope = float(lateral @ moment) / spread
-    noise = np.hypot(press.noise.moment_Nm, 0.0 if np.isnan(press.noise.turn_rad) else slope * press.noise.turn_rad)
+    noise = np.hypot(press.moment_std_Nm, 0.0 if np.isnan(press.turn_std_rad) else slope * press.turn_std_rad)
     return slope, float(noise / np.sqrt(spread)), float(lateral[-1]) / spread
 
 
@@ -96,7 +96,7 @@ def _distance(press: Press, found: _Slope, moment_Nm: np.ndarray, direction: np.
     if distance > wire.length_m * (1.0 + (0.0 if np.isnan(relative) else 2.0 * relative)):
         beyond = "is beyond the antenna: the object gives way, or the antenna slips"
         return Answer(candidates_m=np.array([distance]), reason=f"{1e3 * distance:.0f} mm {beyond}")
-    push, turned, own = moment_Nm / distance, direction != 0.0, press.noise.moment_Nm / distance
+    push, turned, own = moment_Nm / distance, direction != 0.0, press.moment_std_Nm / distance
     # the last moment is in the slope, too
     variance = own**2 * (1.0 - 2.0 * by_last * direction * moment_Nm / slope) + (push * relative) ** 2
     force, force_std = np.full(3, np.nan), np.full(3, np.nan)
@@ -141,13 +141,13 @@ def _dynamic_active_antenna(press: Press) -> Answer:
     return Answer(float(distances[0]), std * wire.length_m / float(curve(roots[0], 1)), candidates_m=distances)
 
 
-def _fit_ringing(ring: Ring, band_rad_s: tuple[float, float]) -> tuple[float, float] | str:
-    """Natural frequency √(ω² + decay²), rad/s, of the strongest damped sinusoid over a constant, and the standard
-    deviation of ω from the residuals; or the reason in words why there is none.
+def _fit_ringing(ring: np.ndarray, band_rad_s: tuple[float, float]) -> tuple[float, float] | str:
+    """Natural frequency √(ω² + decay²), rad/s, of the strongest damped sinusoid over a constant in times and moments
+    (R, 2), and the standard deviation of ω from the residuals; or the reason in words why there is none.
 
     It is sought in the band of possible first modes: higher modes may be louder.
     """
-    time, signal = np.asarray(ring.time_s, float), np.asarray(ring.moment_Nm, float)
+    time, signal = np.asarray(ring, float).T
     finite = np.isfinite(time) & np.isfinite(signal)
     time, signal = time[finite] - (time[finite].min() if finite.any() else 0.0), signal[finite]
     if len(time) < _PressSettings.fewest_samples:
@@ -281,9 +281,9 @@ def _answer(press: Press, solve: _Formula, points: np.ndarray | None, moment_Nm:
     missing moment."""
     if points is None:
         return Answer(reason="fewer than two points of the antenna are seen apart from each other")
-    wire, noise, blind = press.wire, press.noise, bool(np.isnan(moment_Nm))
-    moment, moment_std = (0.0, 0.0) if blind else (moment_Nm, noise.moment_Nm)
-    std = np.array([0.0, 0.0, noise.point_m, noise.point_m, moment_std, wire.stiffness_std_Nm2])
+    wire, point_std, blind = press.wire, press.point_std_m, bool(np.isnan(moment_Nm))
+    moment, moment_std = (0.0, 0.0) if blind else (moment_Nm, press.moment_std_Nm)
+    std = np.array([0.0, 0.0, point_std, point_std, moment_std, wire.stiffness_std_Nm2])
     values, moved = _propagate(
         solve, np.array([*points[:, 0], *points[:, 1], moment, wire.stiffness_Nm2]), np.nan_to_num(std)
     )
@@ -339,9 +339,9 @@ def _yield_at(press: Press, frame: int, turn_rad: float) -> tuple[np.ndarray, np
         bent = force * contact**3 / (3.0 * stiffness)
         return np.stack([-force, contact * np.sin(finite[:, 2]) + bent * np.cos(finite[:, 2])], axis=1)
 
-    point_std, turn_std = np.nan_to_num([press.noise.point_m, press.noise.turn_rad])
+    point_std, turn_std = np.nan_to_num([press.point_std_m, press.turn_std_rad])
     values, moved = _propagate(solve, np.array([*points[:, 1], turn_rad]), np.array([point_std, point_std, turn_std]))
-    if np.isnan(press.noise.point_m):
+    if np.isnan(press.point_std_m):
         return values, np.full((2, 2), np.nan)
     if not np.linalg.norm(moved[0]) < _PressSettings.known * abs(values[0]):
         return None

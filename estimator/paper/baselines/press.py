@@ -38,29 +38,6 @@ class Wire:
 
 
 @gate
-@dataclass(frozen=True)
-class Noise:
-    """Standard deviations of a press's independent measurements; NaN where unknown."""
-
-    point_m: float = np.nan
-    moment_Nm: float = np.nan
-    turn_rad: float = np.nan
-
-
-@gate
-@dataclass(frozen=True, eq=False)
-class Ring:
-    """The moment signal during a ring-down against the object: times (R,) s, moments (R,) N·m."""
-
-    time_s: np.ndarray
-    moment_Nm: np.ndarray
-
-    def __post_init__(self) -> None:
-        if np.ndim(self.time_s) != 1 or np.shape(self.time_s) != np.shape(self.moment_Nm):
-            raise InputError("a ring-down's times and moments differ in number", remedy="give (R,) of both")
-
-
-@gate
 @dataclass(frozen=True, eq=False)
 class Press:
     """F frames of one touch in order of time, the last of which is to be answered; None for sensors that are
@@ -72,15 +49,19 @@ class Press:
     moment_Nm : (F, 2) moments (τ_z, τ_y) by the contact alone; a column of NaN without that sensor.
     points_m : (F, N, 2) centreline on plane C, its y less the free antenna's; NaN where nothing is seen.
     camera_tilt_rad : the paper's ϕ; 0 is camera A.
+    ring : (R, 2) times, s, and the moment signal, N·m, of a ring-down against the object.
+    point_std_m, moment_std_Nm, turn_std_rad : of the independent measurements; NaN where unknown.
     """
 
     wire: Wire
-    noise: Noise = field(default_factory=Noise)
     turn_rad: np.ndarray | None = None
     moment_Nm: np.ndarray | None = None
     points_m: np.ndarray | None = None
     camera_tilt_rad: float = 0.0
-    ring: Ring | None = None
+    ring: np.ndarray | None = None
+    point_std_m: float = np.nan
+    moment_std_Nm: float = np.nan
+    turn_std_rad: float = np.nan
 
     def __post_init__(self) -> None:
         counts = set()
@@ -91,6 +72,8 @@ class Press:
             if np.ndim(values) != shape.count(",") + 1 or np.shape(values)[-1] != 2:
                 raise InputError(f"{name} has shape {np.shape(values)}", where="press", remedy=f"give {shape}")
             counts.add(len(values))
+        if self.ring is not None and (np.ndim(self.ring) != 2 or np.shape(self.ring)[1] != 2):
+            raise InputError(f"ring has shape {np.shape(self.ring)}", where="press", remedy="give (R, 2)")
         if len(counts) > 1 or 0 in counts:
             raise InputError("turns, moments and centrelines differ in number", where="press", remedy="give F of each")
 
@@ -145,7 +128,7 @@ def press_from_recording(
     joints_rad: tuple[np.ndarray, np.ndarray],
     *,
     sigma_px: float | None = None,
-    ring: Ring | None = None,
+    ring: np.ndarray | None = None,
 ) -> Press:
     """What every method of `METHODS` knows of one touch, from first contact on.
 
@@ -154,7 +137,7 @@ def press_from_recording(
     free : the same of the free antenna, (1 or F, M, 2) and (1 or F, 2), at the same joint angles or at one pose that
         has the same weight across the antenna.
     joints_rad : pan and tilt (F,).
-    sigma_px : of a point; by default what the rig's own pictures showed.
+    sigma_px : of a point; by default what the rig's own pictures showed. ring : as in `Press`.
 
     Raises
     ------
@@ -184,10 +167,12 @@ def press_from_recording(
         place[:] = np.stack([points[:, 0], points[:, 1] - shape(points[:, 0])], axis=-1)
     return Press(
         Wire(rig.antenna.length_m, stiffness, mass, *deviations),
-        Noise(point_std, float(np.sqrt(2.0)) * sensor.std_Nm / sensor.gain, 0.0),
         _world_turn(rotations),
         # offset and weight drop out
         (np.asarray(pictures[1], float) - np.asarray(free[1], float)) / gain,
         seen,
         ring=ring,
+        point_std_m=point_std,
+        moment_std_Nm=float(np.sqrt(2.0)) * sensor.std_Nm / sensor.gain,
+        turn_std_rad=0.0,
     )
