@@ -121,8 +121,8 @@ def _moved(
 
 
 def unknowns_of(frames: Frames, table: ContactTable, rows: np.ndarray) -> np.ndarray:
-    """(B, 4) solver unknowns (`rig_arrays.UNKNOWNS`) of a table's contacts, with the pushes that, with friction,
-    give the table's forces, as far as these are known."""
+    """(B, 4) solver unknowns (`rig_arrays.UNKNOWNS`) of a table's contacts, solved so that pushes and friction angles
+    give the table's forces; unknown forces count as zero."""
     rig_arrays = frames.rig_arrays
     force = np.nan_to_num(np.stack([table.force_y_N[rows], table.force_z_N[rows]], axis=1))
     unknowns = np.zeros((len(rows), UNKNOWNS))

@@ -218,9 +218,8 @@ def with_joint_errors(contacts: Contacts, batch: Batch) -> Contacts:
 
 
 def motion_of(rig: Rig, several: Sequence[Measured], found: Contacts) -> tuple[np.ndarray, Shapes]:
-    """What a motion test needs of successive frames: their shapes in the world, and (B, G, 3) by how many of its
-    standard deviations a contact's distance is off for each N/m of load on each piece of the antenna, along the world's
-    axes."""
+    """Input of a motion test for successive frames: the error of a contact's distance, in its standard deviations, per
+    N/m of load on each piece of the antenna along the world's axes (B, G, 3), and the frames' shapes in the world."""
     times = np.array([each.time_s for each in several], float)
     pan, tilt = (np.array([getattr(each, name) for each in several]) for name in ("pan_rad", "tilt_rad"))
     rotation, translation = rig.kinematics.world_antenna(pan, tilt)

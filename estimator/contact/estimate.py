@@ -82,7 +82,7 @@ class ContactEstimator:
 
     @cached_property
     def _alone(self) -> Callable[..., Contact | None] | None:
-        """`Contacts.one_by_one`, for a rig of which that is possible."""
+        """`Contacts.one_by_one` of this rig; None for several cameras, or for joint axes with uncertainty."""
         possible = not self.rig.others and self.rig.kinematics.axes_known
         return Contacts.one_by_one(self._rig_arrays, self.friction_rad, self.model) if possible else None
 
@@ -376,8 +376,7 @@ class ContactStream:
 
     live : each frame is answered as it comes, from those before it; else `STREAM` at a time, as a recording's.
     little_by_little : a `push` does only a short step or few, such as to solve one frame. The contacts are the same.
-    companion : another stream of the same frames, which learns for this one, too, how the rig has changed; it gets each
-    frame after it.
+    companion : another stream that gets each frame right after this one, and learns for both how the rig has changed.
     """
 
     def __init__(

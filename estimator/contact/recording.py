@@ -241,9 +241,9 @@ def read_own(rig: Rig, path: Path) -> np.ndarray:
 
 
 def read_ahead(rig: Rig, frames: Iterable[Frame]) -> Iterator[tuple[Frame, FramePictures]]:
-    """Frames with their pictures, if any, of which a thread reads the next few meanwhile.
+    """Frames with their pictures, if any; a thread reads the next few ahead.
 
-    Raises InputError, at its turn, for one that cannot be read or has another size.
+    Raises InputError, in order, for a picture that cannot be read or has another size.
     """
 
     cameras = rig.cameras

@@ -385,8 +385,8 @@ class Case:
         return np.asarray(self.reported.costs > 0.9 * self.settings.most)
 
     def gained(self, columns: np.ndarray, first: int = 0) -> Iterator[float]:
-        """First-order log evidence of a change along some of the axes from a frame on; where the frames cost more
-        than usual, also of what most frames share."""
+        """First-order log evidence of a change along these axes (indices) from frame `first` on. Where the frames fit
+        worse than usual, a second value for the part that most frames share."""
         for together in (self.reported,) if self.usual else (self.reported, *self.as_free):
             information, score = together.about_others(first)
             found = score_test(information[np.ix_(columns, columns)], score[columns], 1.0)
@@ -412,6 +412,7 @@ class Case:
         return self.cost - found.cost - self.of_one(found)
 
     def of_one(self, found: _Weighed) -> float:
-        """Largest decrease of one frame's cost by another explanation; 0 for a single frame. It is not counted for what
-        concerns all frames, because the fit of one frame may have ended in another minimum."""
+        """Largest decrease of a single frame's cost by another explanation; 0 where there is only one frame.
+
+        Hypotheses about all frames do not count it: the fit of one frame may just have ended in another minimum."""
         return float(np.max(self.reported.costs - found.costs, initial=0.0)) if len(found.costs) > 1 else 0.0

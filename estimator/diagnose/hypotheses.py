@@ -465,8 +465,8 @@ def _shifts_explained(case: Case) -> Iterator[Explanation[Case]]:
 def _least_cost(
     case: Case, changed: Callable[[float, Recorded], Recorded | None], step: float, most: float
 ) -> tuple[float, float, float]:
-    """Value of a change at which the frames cost least, its standard deviation, and the decrease of the cost less
-    those of its prior (a standard deviation of one step) and its width: by parabolas."""
+    """Value of a change at which the frames cost least, its standard deviation, and the log evidence for it, by
+    parabolas. The prior of the value is N(0, step²)."""
 
     def cost(value: float) -> float:
         corrected = changed(value, case.recorded)

@@ -10,7 +10,7 @@ is an initial value problem, and for each α one universal curve holds every loa
 clamp only says where that curve is cut: θ_c = ψ(√a) with the load a = F·l²/EI. The curve is a pendulum let go at rest,
 with k² = (1 − sin α)/2 and its coordinates C = ∫cos ψ dυ, S = ∫sin ψ dυ in Jacobi's functions (core: `pendulum.hpp`).
 
-Only what a dead force leans at the contact has to be solved for.
+Only the inclination at the contact of a force of fixed direction has to be solved for.
 """
 
 from __future__ import annotations

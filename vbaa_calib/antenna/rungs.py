@@ -3,7 +3,7 @@
 `paper` : straight, weightless, rigidly clamped along x; small deflections.
 `linear` : small deflections under contact, weight and bow, clamped where and as the antenna is.
 `elastica` : large deflections; weight, bow, clamp and torsion by one sweep over the equilibrium of moments.
-`rod` : the static rod, as far as `antenna.rod` can tell.
+`rod` : the static rod in full, solved as in `antenna.rod`.
 """
 
 from __future__ import annotations

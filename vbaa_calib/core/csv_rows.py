@@ -112,8 +112,10 @@ def _filled(path: Path) -> Iterator[tuple[int, list[str]]]:
 
 
 def _beginning(lines: Iterator[str]) -> tuple[list[str], str | None]:
-    """The lines up to the first row, with comments and what precedes the header as blanks. A header may be a
-    comment: the last one with as many cells as the first row, if that holds numbers, which no header does."""
+    """The lines up to the first row, comments and preamble replaced by blank ones, and the header if it is a comment.
+
+    The last comment is the header if it has as many cells as the first row, none of them a number, and the row has
+    numbers."""
     begin, comment = list[str](), ""
     for text in lines:
         if not text.startswith("#") and not text.startswith("sep=") and text.strip(" \t\r\n,;"):

@@ -55,8 +55,9 @@ def writing_alone(path: Path) -> Iterator[None]:
 def replacing_folder(path: Path) -> Iterator[Path]:
     """Context with a temporary folder next to `path` that replaces it only if the block succeeds.
 
-    Whether what is there may be replaced is for the caller to decide before. What an earlier writer left that was
-    killed is removed, or gets its name back. Raises InputError where another writer is at work.
+    The caller decides beforehand whether an existing folder may be replaced. Remains of a writer that was killed are
+    removed; an old folder that it had moved away gets its name back. Raises InputError where another writer is at
+    work.
     """
     parent, temporary, old = path.resolve().parent, None, None
     with writing_alone(path):

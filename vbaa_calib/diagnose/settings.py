@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class SessionSettings:
-    """Log odds and nats are natural logarithms; standard deviations are of values about what was reported."""
+    """Thresholds and priors of hypotheses about a session: natural logarithms in log odds and nats, standard deviations
+    of true values about reported ones."""
 
     # how the pictures are compared with a rig
     points: int = 8  # that stand for a picture: values of the smooth curve that its points lie about

@@ -37,11 +37,11 @@ class RigFit:
 
     Attributes
     ----------
-    problem : as altered. parameters : (17 + P + K,) of the rig.
-    values, covariance : of the alteration.
-    scale : scatter of most pictures about it, over their own.
-    log_likelihood : of pictures and priors, with the alteration's prior and what it costs to be adaptable.
-    solution : the linearised end.
+    problem : with the altered reports. parameters : (17 + P + K,) of the rig.
+    values, covariance : of the alteration's K parameters.
+    scale : scatter of most pictures about the fit, over their own noise.
+    log_likelihood : of pictures and priors, with the alteration's prior and the penalty on its free parameters.
+    solution : the problem linearised at the minimum.
     """
 
     problem: Problem

@@ -182,7 +182,8 @@ def _fit_ringing(ring: np.ndarray, band_rad_s: tuple[float, float]) -> tuple[flo
 
 
 def _strongest(time_s: np.ndarray, signal: np.ndarray, band_rad_s: tuple[float, float]) -> float:
-    """ω of the periodogram's peak in the band, above what a drift fills; NaN without one."""
+    """Angular frequency, rad/s, of the periodogram's peak in the band, above the lowest ones, which a drift fills; NaN
+    without one."""
     if not (np.diff(time_s) > 0.0).all():
         return np.nan
     even = np.interp(np.linspace(0.0, time_s[-1], len(time_s)), time_s, signal)

@@ -179,17 +179,17 @@ class BundleAdjustment:
 
     Attributes
     ----------
-    problem, solution : what was solved, and the linearised end of it; its loads are as the solve found them.
-    final : the same with what else is in the covariance.
-    noted : the observations as they came, with the loads as they were noted, without the points that were left out.
-    disturbed : (F,) how many these are: of stretches where something else than the antenna moves its line.
+    problem, solution : the problem, its loads as solved for, and its linearisation at the minimum.
+    final : the linearisation with all further uncertainties that the covariance contains.
+    noted : the observations with the loads as they were noted, without the points that were left out.
+    disturbed : (F,) number of points left out, in stretches where something next to the antenna displaces its line.
     parameters : (17,) `RIG_PARAMETERS`; the pose's six are steps from the prior's start.
-    camera : the lens as all pictures together have it, with its covariance.
+    camera : the lens solved from all pictures together, with its covariance.
     covariance : (17 + P, 17 + P) of `RIG_PARAMETERS`, the pose's part about the solved pose, and of the lens.
-    scatter : ratio, at least 1, of the pictures' contradictions to what their noise explains; in the covariance.
+    scatter : ratio, at least 1, of the pictures' scatter to that which their noise explains; in the covariance.
     point_rms : (F,) per observation, in units of the scaled deviations.
     moment_residuals_Nm : (F,) reading less prediction.
-    sensor : as solved, what is read other than the moment about y, with its covariance; None without any.
+    sensor : the solved sensor of everything but the moment about y, with its covariance; None without one.
     tip : where the antenna's visible end lies, from the pictures; None where it was not seen, or not used.
     tip_gap_std : by how many deviations the ends lie off the length, as everything else has it; NaN without any.
     tip_gap_m : the same in metres, positive beyond the length.

@@ -331,8 +331,10 @@ def assess(
     free: Still | None = None,
     camera: str | None = None,
 ) -> Assessment:
-    """Judge a rig.json by itself, and against a session or new pictures. With new pictures the
-    session, or without one rig.json's record, describes jig and board; its own pictures are not read.
+    """Judge a rig.json by itself, and against the pictures of a session or new ones.
+
+    New pictures replace the session's; it then only describes jig and board. Without a session rig.json's own record
+    describes them.
 
     board, free : new pictures, of the board in its jig and of the free antenna with the readings at it.
     camera : of a rig of several cameras, the one that is judged, by its pictures; the first by default.

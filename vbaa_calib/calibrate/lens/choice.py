@@ -273,15 +273,17 @@ def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, 
     """Name of the lens model to use, the comparison, and the lens that would be taken if parameters cost nothing;
     where that is the same, the decentred one. corners_px : (N, 2) of all views.
 
-    Models with a left-out error that is larger by 0.5 % and significantly so (over views), or by 10 %, are wrong. Of
-    the others the one of least expected error over the picture is taken, bias and noise together
-    (`_expected_errors_px`), but a simpler one, if its expected error is larger by no more than the standard error of
-    the difference, from leaving out each view in turn (jackknife), and by no more than 35 %, or if views that it was
-    not fitted to fit it as well. A lens without decentring must be 15 % better than opencv4, which has it.
+    1. Models are wrong if their error on left-out views exceeds the least one by 10 %, or significantly (over views) by
+       0.5 %.
+    2. Of the others the one of least expected error over the picture is taken, bias and noise together
+       (`_expected_errors_px`).
+    3. A simpler one is preferred if left-out views fit it as well, or if its expected error is larger by no more than
+       35 % and than the difference's standard error (by jackknife over views).
+    4. A lens without decentring must be 15 % better than opencv4, which has it.
 
-    Models beyond the bounds of rig.json are not taken; models that fold inside the picture only if every other is 10 %
-    worse on left-out views, those with halves that disagree or with a pole near the picture only if every other is
-    0.5 % worse.
+    Models beyond the bounds of rig.json are not taken. One that folds inside the picture is taken only if all others
+    are 10 % worse on left-out views; one with halves that disagree, or with a pole near the picture, only if all others
+    are 0.5 % worse.
     """
     rules, every = LensSettings(), {one.candidate.model: one for one in solutions}
     reasons: dict[str, str] = {}

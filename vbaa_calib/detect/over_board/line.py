@@ -573,7 +573,8 @@ def find_over_board(
 ) -> BoardLine | None:
     """The thin line on a plane above a board, in an (H, W) picture; None without one.
 
-    With `bright` None the one with more cover of a bright and a dark line: an antenna covers, its shadow only dims.
+    bright : whether the line is brighter than the board. With None both are sought, and the one that covers the board
+    more is taken: an antenna covers, its shadow only dims.
     """
     picture = _board_picture(image, plane.camera, plane.T_camera_board, spec)
     if picture is None:

@@ -80,7 +80,7 @@ class AntennaFinder:
     def with_usual_height(self, usual_height: float) -> AntennaFinder:
         """The detector for a line of known height: the `amplitude` of the free antenna's pictures.
 
-        A bar or edge that looks like an antenna mostly is fainter.
+        Bars and edges that resemble an antenna are mostly fainter.
         """
         return replace(self, usual_height=usual_height)
 
