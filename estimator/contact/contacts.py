@@ -4,37 +4,38 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any, TypeVar, overload
+from typing import Any, Self, TypeVar, overload
 
 import numpy as np
 
 from estimator.solver.linearised import rigs_of
 from estimator.solver.numbers import FitNumbers
 from estimator.solver.rig_arrays import RigArrays
-from estimator.table.contacts import Contact, ContactEstimate, Jacobian, Measured
+from estimator.table.contacts import LOCATED, Contact, ContactEstimate, ContactTable, Jacobian
 from vbaa_calib.antenna.rungs import RUNGS
-from vbaa_calib.core.arrays import PLAUSIBLE
+from vbaa_calib.core.arrays import PLAUSIBLE, Rows
 from vbaa_calib.native import core
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
 
 from .inputs import Batch
 from .motion import Beam, Inertia, Motion, Shapes
 from .settings import ContactSettings
-from .status import FAILED, NO_ANTENNA, NO_CONTACT, OK, TIP, limits, reason
+from .status import FAILED, NO_ANTENNA, NO_CONTACT, OK, limits, reason
 
 _T = TypeVar("_T")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Contact]):
+class Contacts(Rows, ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Contact]):
     """The results of B frames: a sequence of `Contact`, and its numbers as arrays with a leading axis B.
 
     Numbers that the data do not support are NaN. `numbers` are the fits themselves; `requested` is the model that was
     asked for; `outside_points` (B,) are left out because they lie outside the picture; `seen` (B, V) are those that
-    each of several cameras saw; `jacobian`, if it was asked for, has the derivatives.
+    each of several cameras saw; `moving` (B,) says in words where the antenna swings, "" where it is at rest; None
+    before the motion test; `jacobian`, if it was asked for, has the derivatives.
     """
 
     rig: Rig
@@ -43,10 +44,20 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
     outside_points: np.ndarray
     ordinary: np.ndarray
     seen: np.ndarray | None = None
+    moving: np.ndarray | None = None
     jacobian: Jacobian | None = None
 
     def __len__(self) -> int:
         return len(self.status)
+
+    def picked(self, which: slice | np.ndarray) -> Self:
+        """The results of some frames, without derivatives."""
+        return replace(super().picked(which), numbers=self.numbers.picked(which), jacobian=None)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """The results of several parts, at least one, one after the other."""
+        return replace(super().joined(parts), numbers=FitNumbers.joined([part.numbers for part in parts]))
 
     @overload
     def __getitem__(self, index: int) -> Contact: ...
@@ -66,7 +77,44 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
             int(self.outside_points[index]),
             None if self.seen is None else self.seen[index],
         )
-        return _contact(values, jacobian, self.numbers, index, bool(self.ordinary[index]), more)
+        found = _contact(values, jacobian, self.numbers, index, bool(self.ordinary[index]), more)
+        words = "" if self.moving is None else self.moving[index]
+        return in_motion(found, words) if words else found
+
+    def at_rest(self, shift: np.ndarray) -> Contacts:
+        """The results, or their status while the antenna vibrates: inertia shifts the distances by `shift` (B,)
+        standard deviations."""
+        swings = np.flatnonzero(np.abs(shift) > ContactSettings.largest_shift)
+        swings, words = swings[np.isin(self.status[swings], LOCATED)], np.full(len(self), "", object)
+        if not len(swings):
+            return replace(self, moving=words)
+        status, columns = self.status.astype(object), dict[str, Any]()
+        for row in swings.tolist():
+            distance_m, off_m = float(self.distance_m[row]), float(abs(shift[row]) * self.distance_std_m[row])
+            words[row] = _swinging(distance_m, off_m, float(shift[row]))
+        for name in ContactEstimate.__dataclass_fields__:
+            if (column := getattr(self, name)).dtype == float and name != "moment_residual_Nm":
+                columns[name] = column.copy()
+                columns[name][swings] = np.nan
+        status[swings] = "not_quasistatic"
+        return replace(self, status=status.astype(str), moving=words, **columns)
+
+    def table(self, frames: Mapping[str, np.ndarray]) -> ContactTable:
+        """The rows of contacts.csv. frames : (B,) their frame, time_s, pan_rad and tilt_rad."""
+        count, length_m, bias = len(self), self.rig.antenna.length_m, self.numbers.bias
+        usual = self.ordinary & (self.status == OK) & (self.numbers.outliers + self.outside_points == 0)
+        words = [
+            reason(self.numbers, row, "", length_m, self.requested) if plain and self.seen is None else self[row].reason
+            for row, plain in enumerate(usual.tolist())
+        ]
+        own = bias[np.arange(count), self.numbers.rung]
+        at_rest = True if self.moving is None else self.moving == ""
+        return ContactTable.of(
+            self,
+            **frames,
+            reason=np.array(words, object),
+            bias_std=np.where(np.isfinite(own) & at_rest, own, np.nan),
+        )
 
     @staticmethod
     def one_by_one(rig_arrays: RigArrays, friction_rad: float, requested: str) -> Callable[..., Contact | None]:
@@ -176,7 +224,7 @@ def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch
     """The results of a batch; their statuses decide which numbers are filled in. model : the requested one."""
     rows, status, ordinary = _reported(numbers, rig, friction_rad, batch)
     columns: dict[str, Any] = {name: rows[name] for name in core.solver.REPORTED["names"]}
-    return Contacts(
+    found = Contacts(
         rig=rig,
         numbers=numbers,
         requested=model,
@@ -189,6 +237,7 @@ def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch
         condition=numbers.condition,
         **columns,
     )
+    return _with_joint_errors(found, batch)
 
 
 def _by_axes(rig: Rig, numbers: FitNumbers, rotation: np.ndarray, by_axes: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
@@ -208,7 +257,7 @@ def _moved(by: tuple[np.ndarray, np.ndarray], points_m: np.ndarray) -> np.ndarra
     return np.asarray(np.einsum("kbij,bgj->bgik", turned, points_m) + np.moveaxis(shifted, 0, -1)[:, None])
 
 
-def with_joint_errors(contacts: Contacts, batch: Batch) -> Contacts:
+def _with_joint_errors(contacts: Contacts, batch: Batch) -> Contacts:
     """The contacts with the joint angles' uncertainty added to the covariance of the world points."""
     if batch.joint_errors_rad is None:
         return contacts
@@ -217,11 +266,10 @@ def with_joint_errors(contacts: Contacts, batch: Batch) -> Contacts:
     return replace(contacts, covariance_world_m2=contacts.covariance_world_m2 + moved @ np.swapaxes(moved, 1, 2))
 
 
-def motion_of(rig: Rig, several: Sequence[Measured], found: Contacts) -> tuple[np.ndarray, Shapes]:
+def motion_of(rig: Rig, batch: Batch, found: Contacts) -> tuple[np.ndarray, Shapes]:
     """Input of a motion test for successive frames: the error of a contact's distance, in its standard deviations, per
     N/m of load on each piece of the antenna along the world's axes (B, G, 3), and the frames' shapes in the world."""
-    times = np.array([each.time_s for each in several], float)
-    pan, tilt = (np.array([getattr(each, name) for each in several]) for name in ("pan_rad", "tilt_rad"))
+    pan, tilt = batch.pan_rad, batch.tilt_rad
     rotation, translation = rig.kinematics.world_antenna(pan, tilt)
     numbers = found.numbers
     fitted = (found.status != NO_ANTENNA) & (found.status != FAILED) & numbers.finite
@@ -229,24 +277,27 @@ def motion_of(rig: Rig, several: Sequence[Measured], found: Contacts) -> tuple[n
     points = np.where(fitted[:, None, None], points, np.nan)
     distance = np.where(found.status == NO_CONTACT, np.nan, numbers.unknowns[:, 0])
     std_m = numbers.pieces_std_m
-    joint_errors = np.array([each.joint_errors_rad for each in several])
-    if joint_errors.any():
+    if batch.joint_errors_rad is not None:
         swung = _moved(rig.kinematics.by_joints(pan, tilt), numbers.pieces_m)
-        std_m = np.hypot(std_m, np.linalg.norm(swung * joint_errors[:, None, None], axis=(-2, -1)))
+        std_m = np.hypot(std_m, np.linalg.norm(swung * batch.joint_errors_rad[:, None, None], axis=(-2, -1)))
     # a load's components along y and z of the antenna, from those along the world's axes
     push = numbers.push @ np.swapaxes(rotation[:, :, 1:], 1, 2)
+    times = np.full(len(found), np.nan) if batch.time_s is None else batch.time_s
     return push, Shapes(times, points, std_m, distance)
 
 
 def _at_rest(contact: Contact, shift: float) -> Contact:
-    """The contact, or its status while the antenna vibrates: inertia shifts the distance by `shift` standard
-    deviations."""
-    if not (abs(shift) > ContactSettings.largest_shift and contact.status in (OK, TIP)):
+    """`Contacts.at_rest` of one frame."""
+    if not (abs(shift) > ContactSettings.largest_shift and contact.status in LOCATED):
         return contact
-    off_m = abs(shift) * contact.distance_std_m
+    return in_motion(contact, _swinging(contact.distance_m, abs(shift) * contact.distance_std_m, shift))
+
+
+def _swinging(distance_m: float, off_m: float, shift: float) -> str:
+    """By how much the antenna's inertia shifts a contact's distance, m and standard deviations, in words."""
     off = f"{1e3 * off_m:.1f} mm off, {abs(shift):.1f} std"
-    off = off if off_m < contact.distance_m else "off by more than itself"
-    return in_motion(contact, f"the antenna swings: its inertia puts the distance {off}")
+    off = off if off_m < distance_m else "off by more than itself"
+    return f"the antenna swings: its inertia puts the distance {off}"
 
 
 def in_motion(contact: Contact, reason: str) -> Contact:
@@ -270,26 +321,54 @@ class MotionCheck:
 
     def __init__(self, beam: Beam, live: bool = False) -> None:
         self._motion = Motion(beam, live)
-        self._waiting: deque[tuple[Sequence[Contact], np.ndarray, int]] = deque()
+        self._waiting: deque[tuple[Sequence[Contact], np.ndarray, int]] = deque()  # from which frame on
 
     def push(self, contacts: Sequence[Contact], push: np.ndarray, shapes: Shapes) -> Iterator[Contact]:
         """The contacts that can be judged once these frames are known, the latter two as from `motion_of`."""
-        if not self._waiting and not np.isfinite(shapes.time_s).any():
-            return iter(contacts)
-        self._waiting.extend((contacts, push, index) for index in range(len(push)))
-        return self._ready(self._motion.push(shapes))
+        for several, rows, shift in self._judged(contacts, push, shapes):
+            yield from map(_at_rest, several[rows], shift.tolist())
+
+    def push_together(self, contacts: Contacts, push: np.ndarray, shapes: Shapes) -> Iterator[Contacts]:
+        """As `push`, many frames at once."""
+        return map(_rested, self._judged(contacts, push, shapes))
 
     def finish(self) -> Iterator[Contact]:
         """The contacts that wait for later frames, at the end of the recording."""
         loads = self._motion.finish()
-        return iter(()) if loads is None else self._ready(loads)
+        for several, rows, shift in () if loads is None else self._ready(loads):
+            yield from map(_at_rest, several[rows], shift.tolist())
 
-    def _ready(self, loads: Inertia) -> Iterator[Contact]:
-        # each waiting frame is taken off, whether its load counts or not
-        for load, significant in zip(np.asarray(loads.load_N_m), np.asarray(loads.significant), strict=True):
-            contacts, push, index = self._waiting.popleft()
-            shift = float(np.sum(push[index] * load)) if significant else 0.0
-            yield _at_rest(contacts[index], shift)
+    def finish_together(self) -> Iterator[Contacts]:
+        """As `finish`, many frames at once."""
+        loads = self._motion.finish()
+        return iter(()) if loads is None else map(_rested, self._ready(loads))
+
+    def _judged(
+        self, contacts: Sequence[Contact], push: np.ndarray, shapes: Shapes
+    ) -> Iterator[tuple[Sequence[Contact], slice, np.ndarray]]:
+        """Contacts, which of them are judged, and how far inertia shifts these, in deviations."""
+        if not self._waiting and not np.isfinite(shapes.time_s).any():
+            return iter([(contacts, slice(0, len(push)), np.zeros(len(push)))])
+        self._waiting.append((contacts, push, 0))
+        return self._ready(self._motion.push(shapes))
+
+    def _ready(self, loads: Inertia) -> Iterator[tuple[Sequence[Contact], slice, np.ndarray]]:
+        load, significant, begin = np.asarray(loads.load_N_m), np.asarray(loads.significant), 0
+        while begin < len(load):
+            contacts, push, first = self._waiting.popleft()
+            last = min(len(push), first + len(load) - begin)
+            if last < len(push):
+                self._waiting.appendleft((contacts, push, last))
+            own = slice(begin, begin := begin + last - first)
+            shift = (push[first:last] * load[own]).sum(axis=(1, 2))
+            yield contacts, slice(first, last), np.where(significant[own], shift, 0.0)
+
+
+def _rested(judged: tuple[Any, slice, np.ndarray]) -> Contacts:
+    """Contacts of a motion test, those which are judged."""
+    contacts, rows, shift = judged
+    found: Contacts = contacts if rows == slice(0, len(contacts)) else contacts.picked(rows)
+    return found.at_rest(shift)
 
 
 def last(parts: Generator[None, None, _T]) -> _T:

@@ -25,7 +25,7 @@ from vbaa_calib.native import core
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import DRIFTS
 
-from .contacts import Contacts, MotionCheck, contacts_of, jacobian_of, last, motion_of, with_joint_errors
+from .contacts import Contacts, MotionCheck, contacts_of, jacobian_of, last, motion_of
 from .drift import LearntRig
 from .inputs import Batch, FrameOptions, Lines, without_outliers
 from .motion import Beam, Shapes
@@ -229,12 +229,18 @@ class ContactEstimator:
         stream = ContactStream(self, live=live)
         return chain((each for measured in recording for each in stream.push(measured)), stream.finish())
 
-    def after_free_frames(self, several: Sequence[Measured]) -> Generator[None, None, ContactEstimator]:
+    def run_together(self, recording: Iterable[Batch]) -> Iterator[Contacts]:
+        """As `run`, for a recording's frames `STREAM` at a time, the last ones less: as many contacts at a time as
+        come."""
+        stream = ContactStream(self)
+        return chain((each for batch in recording for each in stream.push_together(batch)), stream.finish_together())
+
+    def after_free_frames(self, batch: Batch) -> Generator[None, None, ContactEstimator]:
         """The estimator with the rig's drift updated from the free ones of some frames (generator of work steps)."""
-        time_s = max(each.time_s for each in several)
+        time_s = batch.last_s
         if not self.drift.due(time_s):
             return self
-        learnt = yield from self.drift.later(time_s).learn(Batch.of(self.rig, several), time_s)
+        learnt = yield from self.drift.later(time_s).learn(batch, time_s)
         if learnt.frames > self.drift.frames:
             return self._with(learnt)
         if not learnt.frames:
@@ -313,7 +319,6 @@ class ContactEstimator:
                 found.put(rows, self._fitted(batch.picked(rows), beam))
         assert found is not None
         contacts = contacts_of(found, self._rig_arrays.rig, self.friction_rad, batch, self.model)
-        contacts = with_joint_errors(contacts, batch)
         if (weights := batch.weights(self._rig_arrays)) is None:
             return contacts
         return replace(contacts, moment_residual_Nm=contacts.moment_residual_Nm / weights[:, 0])
@@ -393,12 +398,12 @@ class ContactStream:
         self._beam = Beam.of(estimator.rig)
         self._motion = MotionCheck(self._beam, live)
         self._coming: list[Measured] = []
-        self._waiting: list[list[Measured]] = []  # for the first free frames
+        self._waiting: list[tuple[Batch, Sequence[Measured]]] = []  # for the first free frames
         self._earlier: deque[tuple[ContactEstimator, Measured, FitNumbers]] = (
             deque()
         )  # from who has this one companion it
         self._warm: np.ndarray | None = None
-        self._work: deque[Generator[list[Contact] | None, None, None]] = deque()
+        self._work: deque[Generator[Contacts | None, None, None]] = deque()
 
     @property
     def drift(self) -> LearntRig:
@@ -414,77 +419,95 @@ class ContactStream:
         if len(self._coming) == self._size:
             self._work.append(self._taken(self._coming))
             self._coming = []
-        return self._worked(
-            min(max(len(self._work) - 2 - hurried, not hurried), ContactSettings.most_steps) if self._little else None
+        return chain.from_iterable(
+            self._worked(
+                min(max(len(self._work) - 2 - hurried, not hurried), ContactSettings.most_steps)
+                if self._little
+                else None
+            )
         )
+
+    def push_together(self, batch: Batch) -> Iterator[Contacts]:
+        """As `push`, for several frames at once."""
+        self._work.append(self._taken(batch))
+        return self._worked(None)
 
     def idle(self) -> Iterator[Contact]:
         """Contacts from one step of the pending work, to be called in the time before the next frame."""
-        return self._worked(1)
+        return chain.from_iterable(self._worked(1))
 
     def finish(self) -> Iterator[Contact]:
         """The contacts of all pending frames, at the end of the stream."""
+        return chain.from_iterable(self.finish_together())
+
+    def finish_together(self) -> Iterator[Contacts]:
+        """As `finish`, as many at a time as come."""
         if self._coming:
             self._work.append(self._taken(self._coming))
         yield from self._worked(None)
         self._work.append(self._solved())
         yield from self._worked(None)
-        yield from self._motion.finish()
+        yield from self._motion.finish_together()
 
-    def _worked(self, steps: int | None) -> Iterator[Contact]:
+    def _worked(self, steps: int | None) -> Iterator[Contacts]:
         """The contacts that at most so many work steps give; None: all of the work."""
         while self._work and steps != 0:
             for contacts in self._work[0]:
-                yield from contacts or ()
+                if contacts is not None:
+                    yield contacts
                 if steps is not None and (steps := steps - 1) == 0:
                     return
             self._work.popleft()
 
-    def _taken(self, several: list[Measured]) -> Generator[list[Contact] | None, None, None]:
+    def _taken(self, coming: Batch | Sequence[Measured]) -> Generator[Contacts | None, None, None]:
         """Work steps of a batch (generator): contacts where a step completes some, else None."""
+        several = () if isinstance(coming, Batch) else coming
+        batch = coming if isinstance(coming, Batch) else Batch.of(self._estimator.rig, coming)
         if self._beside is None:
-            self._now = yield from self._now.after_free_frames(several)
+            self._now = yield from self._now.after_free_frames(batch)
         else:
             self._now = self._beside._now
         self._estimator.drift = self.drift
-        self._waiting.append(several)
+        self._waiting.append((batch, several))
         if self.drift.frames or len(self._waiting) >= self._patience:
             self._patience = 0
             yield from self._solved()
 
-    def _solved(self) -> Generator[list[Contact] | None, None, None]:
+    def _solved(self) -> Generator[Contacts | None, None, None]:
         """The work on the pending batches, with the present estimate of the rig."""
         now, ready, self._waiting = self._now, self._waiting, []
-        for several in ready:
-            found = yield from self._search(now, several)
+        for batch, several in ready:
+            found = yield from self._search(now, batch, several)
             yield None
-            contacts = self._motion.push(*found)
-            while part := list(islice(contacts, ContactSettings.frames_per_step if self._little else CHUNK)):
-                yield part
+            most = ContactSettings.frames_per_step if self._little else CHUNK
+            for contacts in self._motion.push_together(*found):
+                for begin in range(0, len(contacts), most):
+                    yield contacts if len(contacts) <= most else contacts.picked(slice(begin, begin + most))
 
     def _search(
-        self, now: ContactEstimator, several: list[Measured]
+        self, now: ContactEstimator, batch: Batch, several: Sequence[Measured]
     ) -> Generator[None, None, tuple[Contacts, np.ndarray, Shapes]]:
-        """The contacts of a batch, and `motion_of` them, with the solver started at the previous contact.
+        """The contacts of a batch, and `motion_of` them, with the solver started at the previous contact. several :
+        its frames, where they came one by one.
 
         A frame with a start of its own that the stream of the same frames has already solved with the same estimator
         would give the same result, which is taken over.
         """
-        then = now.at(max(each.time_s for each in several))
+        then = now.at(batch.last_s)
         earlier = [self._earlier.popleft() for _ in range(min(len(several), len(self._earlier)))]
         known = {
             row: numbers
             for row, (estimator, measured, numbers) in enumerate(earlier)
             if estimator is then and measured is several[row] and np.isfinite(measured.start).all()
         }
-        batch = Batch.of(self._estimator.rig, several, self._warm)
-        found = yield from then.contacts_in_parts(batch, self._beam, 1 if self._little else CHUNK, known)
+        most = 1 if self._little else CHUNK
+        found = yield from then.contacts_in_parts(batch.started(self._warm), self._beam, most, known)
         if self._beside is not None:
             rows = (found.numbers,) if len(several) == 1 else map(found.numbers.row, range(len(several)))
             self._beside._earlier.extend((then, *each) for each in zip(several, rows, strict=True))
         located = np.flatnonzero(np.isfinite(found.distance_m))
         self._warm = found.numbers.unknowns[located[-1]] if len(located) else None
-        return found, *motion_of(self._estimator.rig, several, found)
+        return found, *motion_of(self._estimator.rig, batch, found)
 
 
 def _as_batch(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -66,6 +67,7 @@ class Batch(Rows):
     camera : (B, N) that sees each point, of the rig's in their order, one camera's after the other's; None: the rig has
         one. tip_camera : (B,) that sees the end. seen : (B, V) how many points each camera sees; of one with
         fewer than `ContactSettings.fewest_points` they are left out.
+    time_s : (B,) of a recording. sigma_factor : as `Measured.sigma_factor`, of all of them.
     """
 
     points_px: np.ndarray
@@ -83,6 +85,8 @@ class Batch(Rows):
     camera: np.ndarray | None = None
     tip_camera: np.ndarray | None = None
     seen: np.ndarray | None = None
+    time_s: np.ndarray | None = None
+    sigma_factor: float = 1.0
 
     def weights(self, rig_arrays: RigArrays) -> np.ndarray | None:
         """(B, S) ratios of the sensors' noise to the readings' total standard deviation; None where there is noise
@@ -170,13 +174,81 @@ class Batch(Rows):
             seen=seen,
         )
 
+    @property
+    def last_s(self) -> float:
+        """Time of the last frame; NaN where that is not known."""
+        return math.nan if self.time_s is None else max(self.time_s.tolist())
+
+    def started(self, warm: np.ndarray | None) -> Batch:
+        """The frames with initial unknowns (4,) for those without any of their own."""
+        if warm is None:
+            return self
+        start = np.full((len(self), 4), np.nan) if self.start is None else self.start
+        return replace(self, start=np.where(np.isfinite(start).all(axis=1, keepdims=True), start, warm))
+
+    def measured(self, row: int) -> Measured:
+        """One frame as it was measured, of one camera."""
+        there = np.isfinite(self.points_px[row]).all(axis=1)
+        read: dict[str, Any] = dict(zip(READINGS.values(), self.readings_Nm[row].tolist(), strict=True))
+        return Measured(
+            self.points_px[row, there],
+            self.sigma_px[row, there],
+            **read,
+            pan_rad=float(self.pan_rad[row]),
+            tilt_rad=float(self.tilt_rad[row]),
+            time_s=math.nan if self.time_s is None else float(self.time_s[row]),
+            tip_px=self.tip_px[row],
+            outside_points=int(self.outside_points[row]),
+            sigma_factor=self.sigma_factor,
+        )
+
     @staticmethod
-    def of(rig: Rig, several: Sequence[Measured], warm: np.ndarray | None = None) -> Batch:
-        """The batch of validated frames. warm : (4,) initial value of those without one of their own."""
+    def padded(parts: Sequence[Batch]) -> Batch:
+        """The frames of several batches, at least one, of `of_lines`."""
+        wide = max(part.points_px.shape[1] for part in parts)
+        return Batch.joined(
+            [
+                replace(
+                    part,
+                    points_px=np.pad(part.points_px, ((0, 0), (0, more), (0, 0)), constant_values=np.nan),
+                    sigma_px=np.pad(part.sigma_px, ((0, 0), (0, more)), constant_values=1.0),
+                )
+                if (more := wide - part.points_px.shape[1])
+                else part
+                for part in parts
+            ]
+        )
+
+    @staticmethod
+    def of_lines(rig: Rig, points: np.ndarray, counts: np.ndarray, columns: Mapping[str, np.ndarray]) -> Batch:
+        """The frames of a recording of one camera, from the points (P, 3) of their lines, u_px, v_px and sigma_px,
+        frame by frame, how many (B,) each has, and the columns (B,) of the table by name, checked as `Measured`."""
+        row, most = np.repeat(np.arange(len(counts)), counts), 4 * sum(rig.camera.image_size)
+        if (lost := outside(points[:, :2], rig.camera.image_size)).any():
+            points, row = points[~lost], row[~lost]
+        counts, lines = np.bincount(row, minlength=len(counts)), counts
+        if counts.max(initial=0) >= most:  # as in `of`
+            place = np.arange(len(points)) - (np.cumsum(counts) - counts)[row]
+            kept = place % (1 + counts // most)[row] == 0
+            points, row = points[kept], row[kept]
+        left = np.bincount(row, minlength=len(counts))
+        there = np.arange(left.max(initial=0)) < left[:, None]
+        pixels, sigma = np.full((*there.shape, 2), np.nan), np.ones(there.shape)
+        pixels[there], sigma[there] = points[:, :2], points[:, 2]
+        pixels, sigma, *_ = _in_order(rig, pixels, sigma, None)
+        read = np.column_stack([columns[name] for name in READINGS.values()])
+        if not rig.moment_sensor.exists:
+            read[:, 0] = np.nan
+        joints, nothing = (columns["pan_rad"], columns["tilt_rad"]), np.full((len(counts), 3), np.nan)
+        return Batch(pixels, sigma, read, nothing, *joints, lines - counts, time_s=columns["time_s"])
+
+    @staticmethod
+    def of(rig: Rig, several: Sequence[Measured]) -> Batch:
+        """The batch of validated frames."""
         if rig.others:
             ones = [replace(rig, others={}), *rig.others.values()]
             own = [several, *([each.of_camera(name) for each in several] for name in rig.others)]
-            return Batch._of_cameras([Batch.of(one, part, warm) for one, part in zip(ones, own, strict=True)])
+            return Batch._of_cameras([Batch.of(one, part) for one, part in zip(ones, own, strict=True)])
         # one frame of far more points than its picture has place for would make room for as many in all of a batch
         steps = [1 + len(each.points_px) // (4 * sum(rig.camera.image_size)) for each in several]
         points = _padded([each.points_px[::n] for each, n in zip(several, steps, strict=True)], np.nan)
@@ -185,8 +257,6 @@ class Batch(Rows):
         if not rig.moment_sensor.exists:
             numbers[:, 0] = np.nan
         starts = np.array([each.start for each in several])
-        if warm is not None:
-            starts = np.where(np.isfinite(starts).all(axis=1, keepdims=True), starts, warm)
         known = np.isfinite(starts).all(axis=1).any()
         shape = None
         if any(each.covariance_shape is not None for each in several):
@@ -200,8 +270,9 @@ class Batch(Rows):
         columns = ([each.moment_errors_Nm for each in several], [each.joint_errors_rad for each in several])
         errors, joint_errors = (column if column.any() else None for column in map(np.array, columns))
         angles, start = (numbers[:, -2], numbers[:, -1]), starts if known else None
-        numbers = numbers[:, :-2]
-        return Batch(points, sigma, numbers, tips, *angles, outside, start, errors, joint_errors, shape, order)
+        numbers, time_s = numbers[:, :-2], np.array([each.time_s for each in several], float)
+        more = errors, joint_errors, shape, order
+        return Batch(points, sigma, numbers, tips, *angles, outside, start, *more, time_s=time_s)
 
     @staticmethod
     def checked(

@@ -430,8 +430,9 @@ def _estimated(
         else:
             rig = track.at(row)
             estimator = ContactEstimator(rig, model, friction=friction, jobs=1)
-            part = estimator._contacts(Batch.of(rig, [measured]), beam)
-            push, shapes = motion_of(rig, [measured], part)
+            batch = Batch.of(rig, [measured])
+            part = estimator._contacts(batch, beam)
+            push, shapes = motion_of(rig, batch, part)
             # places along the antenna are counted from its first point
             shapes = replace(shapes, std_m=np.hypot(shapes.std_m, track.scatter_m))
             why = _widened(part[0], track)

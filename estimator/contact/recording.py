@@ -8,14 +8,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from itertools import islice, tee
+from itertools import chain, islice, tee
 from pathlib import Path
 from typing import Any, TypeAlias, cast
 
 import numpy as np
 
 from estimator.table.contacts import Contact, Measured
-from vbaa_calib.core.arrays import spread_evenly
+from vbaa_calib.core.arrays import MOMENT_REMEDY, PLAUSIBLE, Rows, check_each, spread_evenly
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.core.polyline import arc_lengths
@@ -28,10 +28,11 @@ from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import without_other_things
 from vbaa_calib.detect.whisker.stretches import explained
 from vbaa_calib.rig import Rig
-from vbaa_calib.session import READINGS, Frame, Session, Still, pictures_of, read_centrelines
+from vbaa_calib.session import READINGS, Centrelines, Frame, Session, Still, numbers_of, pictures_of, read_centrelines
 
+from .contacts import Contacts
 from .estimate import STREAM, ContactEstimator
-from .inputs import OutlierSettings, outside, point_scatter
+from .inputs import Batch, OutlierSettings, outside, point_scatter
 from .settings import ContactSettings
 
 Ground = Callable[[Still, str], Background | None]
@@ -439,6 +440,44 @@ def _scatter(rig: Rig, frames: Sequence[Frame], lines: Mapping[int, np.ndarray])
     own_px = point_scatter([each[:, :2] for each in absent], [np.ones(len(each)) for each in absent])
     factor = point_scatter([each[:, :2] for each in stated], [each[:, 2] for each in stated])
     return own_px if own_px > 0.0 else rig.image.noise_px, factor if factor > settings.tolerated else 1.0
+
+
+def estimate_together(
+    estimator: ContactEstimator, frames: Sequence[Frame], lines: Mapping[int, np.ndarray]
+) -> Iterator[tuple[slice, Batch, Contacts]] | None:
+    """As `estimate_centrelines`, many frames at a time: which ones, their measurements, and their contacts. None for
+    a rig with several cameras, and where frames have more than plain numbers."""
+    rig = estimator.rig
+    if rig.others or not isinstance(lines, Centrelines) or not isinstance(frames, Rows):
+        return None
+    columns = {name: numbers_of(frames, name) for name in (*READINGS.values(), "pan_rad", "tilt_rad", "time_s")}
+    for name in READINGS.values():
+        check_each(columns[name], PLAUSIBLE.moment_Nm, name, MOMENT_REMEDY)
+    if not rig.moment_sensor.exists and np.isfinite(columns["moment_Nm"]).any():
+        return None
+
+    numbers, (absent_px, factor), taken = numbers_of(frames), _scatter(rig, frames, lines), list[Batch]()
+
+    def batches() -> Iterator[Batch]:
+        for begin in range(0, len(frames), STREAM):
+            own = slice(begin, begin + STREAM)
+            points, counts = lines.together(numbers[own])
+            points[:, 2] = np.where(np.isfinite(points[:, 2]), factor * points[:, 2], absent_px)
+            batch = Batch.of_lines(rig, points, counts, {name: each[own] for name, each in columns.items()})
+            taken.append(replace(batch, sigma_factor=factor))
+            yield taken[-1]
+
+    def found() -> Iterator[tuple[slice, Batch, Contacts]]:
+        begin, parts = 0, list[Contacts]()
+        for contacts in chain(estimator.run_together(batches()), [None]):
+            parts += [] if contacts is None else [contacts]
+            if parts and (contacts is None or sum(map(len, parts)) >= ContactSettings.chunk):
+                several, whole = Contacts.joined(parts), Batch.padded(taken)
+                end = begin + len(several)
+                yield slice(begin, end), whole.picked(slice(0, end - begin)), several
+                begin, parts, taken[:] = end, [], [whole.picked(slice(len(several), None))]
+
+    return found()
 
 
 def estimate_centrelines(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -53,7 +54,7 @@ class Recorded:
     def __len__(self) -> int:
         return len(self.order)
 
-    def with_readings(self, **columns: np.ndarray) -> Recorded:
+    def with_readings(self, **columns: Any) -> Recorded:
         """The frames with changed columns of the batch."""
         return replace(self, batch=replace(self.batch, **columns))
 

@@ -11,6 +11,7 @@ from itertools import combinations
 
 import numpy as np
 
+from estimator.contact.contacts import Contacts
 from estimator.contact.inputs import Batch, OutlierSettings, point_scatter, shared_share
 from estimator.contact.settings import ContactSettings
 from estimator.table.contacts import Contact, Measured
@@ -74,9 +75,9 @@ class RecordingWatch:
         self._first: list[_Kept] = []
         self._spread: list[_Kept] = []
         self._stride = 1
-        self._before: Measured | None = None
-        self._read = np.full(8, np.nan)  # its readings
-        self._pictured: Measured | None = None  # the row in which the present picture was seen first
+        self._time_s, self._read = math.nan, np.full(8, np.nan)  # of the row before, and its readings
+        # the row in which the present picture was seen first, and its readings
+        self._pictured: tuple[Measured, np.ndarray] | None = None
         self._repeated: list[int] = []
         self._limits = (np.inf, -np.inf)
         self._at: dict[float, list[int]] = {}  # rows with the smallest and the largest moment so far
@@ -91,30 +92,77 @@ class RecordingWatch:
 
     def push(self, measured: Measured, contact: Contact | None = None) -> None:
         """Add the next row."""
-        now, before = _readings(measured), self._before
-        for kept in (self._first, self._spread):
-            if kept and kept[-1][0] == self.count - 1:
-                kept[-1][2][1] = now
-        if self._pictured is None or not _same_picture(measured, self._pictured):
-            self._pictured = measured
-        elif self._moved(measured, self._pictured):
-            self._repeated.append(self.count)
+        now = _readings(measured)
+        self._note_picture(measured, now, self.count)
         if np.isfinite(measured.moment_Nm):
-            self._count_limits(measured.moment_Nm)
-        if contact is not None and contact.status == "failed" and "picture and moment contradict" in contact.reason:
-            self._contradicted.append(self.count)
-        if contact is not None and contact.status == "no_antenna":
-            self._turned.update(words for words, *_ in ContactSettings.turned if words in contact.reason)
-        if before is not None and measured.time_s > before.time_s:
-            self._apart_s.append(measured.time_s - before.time_s)
+            self._count_limits(measured.moment_Nm, self.count)
+        if contact is not None:
+            self._note_reason(contact, self.count)
+        if measured.time_s > self._time_s:
+            self._apart_s.append(measured.time_s - self._time_s)
         sigma_px = float(measured.sigma_px[len(measured.sigma_px) // 2]) if len(measured.sigma_px) else np.nan
         self._pictures.append((self.count, measured.points_px, sigma_px, now))
         if len(self._pictures) >= self.settings.compared:
             self._compare()
+        self._follow(now)
         if len(measured.points_px) >= self.settings.fewest_points:
             self._seen += 1
-            self._keep(measured)
-        self._before, self._read, self.count = measured, now, self.count + 1
+            if self._keeps:
+                self._keep(measured)
+        self._time_s, self._read, self.count = measured.time_s, now, self.count + 1
+
+    def push_together(self, batch: Batch, contacts: Contacts) -> None:
+        """Add the next rows, of one camera and with times."""
+        every = np.column_stack([batch.readings_Nm, batch.pan_rad, batch.tilt_rad])
+        count = np.isfinite(batch.points_px[..., 0]).sum(axis=1)
+        many, middle = count.tolist(), batch.sigma_px[np.arange(len(batch)), count // 2].tolist()
+        moments, begin = every[:, 0], self.count
+        before = 0
+        for row in _may_repeat(batch):
+            if row > before + 1:
+                self._pictured = None
+            self._note_picture(batch.measured(row), every[row], begin + row)
+            before = row
+        low, high = self._limits
+        for row in np.flatnonzero((moments <= low) | (moments >= high)).tolist():
+            self._count_limits(float(moments[row]), begin + row)
+        for row in np.flatnonzero(np.isin(contacts.status, ("failed", "no_antenna"))).tolist():
+            self._note_reason(contacts[row], begin + row)
+        times = np.append(self._time_s, batch.time_s if batch.time_s is not None else np.nan)
+        later = np.diff(times)
+        self._apart_s.extend(later[later > 0.0].tolist())
+        for row, (points, own) in enumerate(zip(batch.points_px, many, strict=True)):
+            sigma_px = middle[row] if own else math.nan
+            self._pictures.append((self.count, points[:own], sigma_px, every[row]))
+            self._follow(every[row])
+            if own >= self.settings.fewest_points:
+                self._seen += 1
+                if self._keeps:
+                    self._keep(batch.measured(row))
+            self._read, self.count = every[row], self.count + 1
+        if len(self._pictures) >= self.settings.compared:
+            self._compare()
+        self._time_s = float(times[-1])
+
+    def _note_picture(self, measured: Measured, now: np.ndarray, row: int) -> None:
+        """Whether a row has the picture of those before, although the antenna has moved by the readings."""
+        if self._pictured is None or not _same_picture(measured, self._pictured[0]):
+            self._pictured = measured, now
+        elif self._moved(now, self._pictured[1]):
+            self._repeated.append(row)
+
+    def _note_reason(self, contact: Contact, row: int) -> None:
+        """What the reason of a row without a contact point says of the recording."""
+        if contact.status == "failed" and "picture and moment contradict" in contact.reason:
+            self._contradicted.append(row)
+        if contact.status == "no_antenna":
+            self._turned.update(words for words, *_ in ContactSettings.turned if words in contact.reason)
+
+    def _follow(self, now: np.ndarray) -> None:
+        """Note the readings after a row that is kept."""
+        for kept in (self._first, self._spread):
+            if kept and kept[-1][0] == self.count - 1:
+                kept[-1][2][1] = now
 
     def _compare(self) -> None:
         """Search the pending rows for jumps."""
@@ -123,29 +171,32 @@ class RecordingWatch:
         self._leaps += leaps
         self._pictures = self._pictures[-2:]
 
+    @property
+    def _keeps(self) -> bool:
+        """Whether the present row is one of those that are kept."""
+        first = self.settings.first
+        return len(self._first) < first or not (self.count - first) % self._stride
+
     def _keep(self, measured: Measured) -> None:
-        early = len(self._first) < self.settings.first
-        if not early and (self.count - self.settings.first) % self._stride:
-            return
         frame = self.count, measured, np.array([self._read, np.full(8, np.nan)])
-        if early:
+        if len(self._first) < self.settings.first:
             self._first.append(frame)
         else:
             self._spread.append(frame)
             if len(self._spread) > 2 * self.settings.spread:
                 self._spread, self._stride = self._spread[::2], 2 * self._stride
 
-    def _count_limits(self, moment_Nm: float) -> None:
+    def _count_limits(self, moment_Nm: float, row: int) -> None:
         low, high = self._limits
         self._limits = min(low, moment_Nm), max(high, moment_Nm)
         if self._limits != (low, high):
             self._at = {value: rows for value, rows in self._at.items() if value in self._limits}
         if moment_Nm in self._limits:
-            self._at.setdefault(moment_Nm, []).append(self.count)
+            self._at.setdefault(moment_Nm, []).append(row)
 
-    def _moved(self, measured: Measured, before: Measured) -> bool:
-        """Whether the antenna has moved by the readings."""
-        off = np.abs(_readings(measured) - _readings(before))
+    def _moved(self, now: np.ndarray, before: np.ndarray) -> bool:
+        """Whether the antenna has moved by the readings (8,)."""
+        off = np.abs(now - before)
         noise = 6.0 * self.rig.moment_sensor.std_Nm
         return bool(np.nanmax(off[:2], initial=0.0) > noise or off[2:].max() > 1e-3)
 
@@ -351,6 +402,14 @@ def _same_picture(measured: Measured, before: Measured) -> bool:
     if not len(a) or a.shape != b.shape or (a[0, 0] != b[0, 0] and a[0, 0] == a[0, 0]):  # most of them
         return False
     return bool(np.array_equal(a, b, equal_nan=True))
+
+
+def _may_repeat(batch: Batch) -> list[int]:
+    """Rows with pictures that begin alike, one after the other, and the first and the last row."""
+    begins = batch.points_px[:, 0] if batch.points_px.shape[1] else np.full((len(batch), 2), np.nan)
+    same = (begins[1:] == begins[:-1]).all(axis=1)
+    own = np.append(same, True) | np.append(True, same)
+    return np.flatnonzero(own).tolist()
 
 
 def _image_of_axis(rig: Rig) -> tuple[np.ndarray, np.ndarray]:

@@ -281,6 +281,20 @@ class ContactTable(_Columns[np.ndarray, np.ndarray, np.ndarray, np.ndarray], Row
         """The table of one or more rows."""
         return ContactTable(**{name: np.array([getattr(row, name) for row in rows]) for name in COLUMNS})
 
+    @staticmethod
+    def of(estimates: ContactEstimate[np.ndarray, np.ndarray, np.ndarray], **others: np.ndarray) -> ContactTable:
+        """The table of the estimates of B frames. others : the columns (B,) that estimates do not have, by name."""
+        count, force, std = len(estimates.status), estimates.force_N, estimates.force_std_N
+        absent = {
+            name: np.full(count, value) if np.ndim(value) == 0 else np.tile(value, (count, 1))
+            for name, value in _absent().items()
+            if name not in (*_SHARED, *others)
+        }
+        axes = {f"force_{axis}_N": force[:, at] for at, axis in enumerate("xyz") if at}
+        axes |= {f"force_{axis}_std_N": std[:, at] for at, axis in enumerate("xyz") if at}
+        axes |= {f"deflection_{axis}_m": estimates.deflection_m[:, at] for at, axis in enumerate("xyz") if at}
+        return ContactTable(**absent | axes | {name: getattr(estimates, name) for name in _SHARED} | others)
+
     def rows(self) -> Iterator[ContactRow]:
         """The rows, frame by frame."""
         return (ContactRow(**{name: getattr(self, name)[i] for name in COLUMNS}) for i in range(len(self)))

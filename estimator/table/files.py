@@ -67,20 +67,24 @@ def check_format(path: Path) -> None:
 @gate
 def write_contacts(
     path: Path,
-    rows: Iterable[ContactRow],
+    rows: Iterable[ContactRow | ContactTable],
     force: bool = False,
     about: dict[bytes, bytes] | None = None,
 ) -> None:
     """Write one or more rows, completely or not at all, as Parquet or CSV (nine digits) by the suffix.
 
-    Each is written as it comes: a generator of rows may be longer than the memory. `about` is the metadata of a
-    Parquet file, complete after the last row.
+    Each is written as it comes: a generator of rows, or of tables, may be longer than the memory. `about` is the
+    metadata of a Parquet file, complete after the last row.
 
     Raises InputError when the file exists and `force` is off.
     """
-    path, rows = Path(path), iter(rows)
-    first = [cells_of(row) for row in islice(rows, 1)]
-    cells = chain(first, map(cells_of, rows))
+    path, coming = Path(path), iter(rows)
+    begun = list(islice(coming, 1))
+    if begun and isinstance(begun[0], ContactTable):
+        _write_tables(path, chain(begun, coming), force, about)
+        return
+    first = [cells_of(row) for row in begun]
+    cells = chain(first, map(cells_of, coming))
     with ExitStack() as open_files:
         temporary = open_files.enter_context(replacing(path, force))
         if path.suffix == _PARQUET:
@@ -98,6 +102,66 @@ def write_contacts(
         stream.write(header_line(any("antenna" in row for row in first)))
         while several := list(islice(cells, _ROWS_TOGETHER)):
             stream.write("".join(map(row_line, several)))
+
+
+def _write_tables(path: Path, tables: Iterable[Any], force: bool, about: dict[bytes, bytes] | None) -> None:
+    """`write_contacts` of tables of one antenna with a clamp that does not move."""
+    with ExitStack() as open_files:
+        temporary = open_files.enter_context(replacing(path, force))
+        if path.suffix == _PARQUET:
+            import pyarrow
+
+            parquet, several = None, list[ContactTable]()
+            for table in chain(tables, [None]):
+                several += [] if table is None else [table]
+                if several and (table is None or sum(map(len, several)) >= _ROW_GROUP):
+                    part = pyarrow.table(_columns_of(ContactTable.joined(several)))
+                    parquet = parquet or open_files.enter_context(_parquet_writer(temporary, part.schema))
+                    parquet.write_table(part)
+                    several.clear()
+            if parquet is not None and about:
+                parquet.add_key_value_metadata(about)
+            return
+        stream = open_files.enter_context(temporary.open("w", encoding="utf-8", newline=""))
+        stream.write(header_line())
+        for table in tables:
+            stream.write(_lines(table))
+
+
+def _columns_of(table: ContactTable) -> dict[str, np.ndarray]:
+    """The file's columns (B,) of a table, without those of named antennas; NaN for missing numbers."""
+    found = dict[str, np.ndarray]()
+    for field, names in _NAMES.items():
+        values = getattr(table, field)
+        values = values[:, *_UPPER] if values.ndim == 3 else values
+        found |= {name: values if values.ndim == 1 else values[:, at] for at, name in enumerate(names)}
+    found["reason"] = np.array([" ".join(words.split()) for words in table.reason.tolist()], object)
+    return {name: found[name] for name in columns_of(False)}
+
+
+def _lines(table: ContactTable) -> str:
+    """The lines of contacts.csv of a table, as `row_line` writes them. Those in which the same numbers are missing,
+    mostly all, are written by one format."""
+    columns = _columns_of(table)
+    numbers = np.column_stack([each for each in columns.values() if each.dtype == float])
+    missing = ~np.isfinite(numbers)
+    kinds = list(dict.fromkeys(map(bytes, missing)))
+    lines = [""] * len(table)
+    for kind in kinds:
+        rows = np.flatnonzero([bytes(each) == kind for each in missing]) if len(kinds) > 1 else np.arange(len(table))
+        absent, form, cells = iter(kind), list[str](), list[list[Any]]()
+        for own, values in zip(_FORMATS, columns.values(), strict=False):
+            is_number = values.dtype == float
+            if is_number and next(absent):
+                form.append("")
+                continue
+            texts = values[rows].tolist()
+            form.append(own if is_number else "%s")
+            cells.append(texts if is_number else [_quoted(_text(each)) for each in texts])
+        line = ",".join(form) + "\n"
+        for row, one in zip(rows.tolist(), zip(*cells, strict=True), strict=True):
+            lines[row] = line % one
+    return "".join(lines)
 
 
 def _parquet_writer(path: Path, schema: pyarrow.Schema) -> ParquetWriter:
@@ -326,7 +390,7 @@ def rewrite_contacts(
             writer.writerow(row)
 
 
-def cells_of(row: ContactRow) -> dict[str, int | float | bool | str]:
+def cells_of(row: ContactRow | ContactTable) -> dict[str, int | float | bool | str]:
     """Column → value in the order of the columns; NaN for missing numbers. Raises InputError."""
     if not isinstance(row, ContactRow):
         raise InputError(f"a row is {quoted(row)}", remedy="give a ContactRow for each frame")

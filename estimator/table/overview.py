@@ -11,10 +11,12 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
+
 from vbaa_calib.session import Frame
 from vbaa_calib.streams.messages import CHANNELS
 
-from .contacts import LOCATED, Contact, Measured
+from .contacts import LOCATED, Contact, ContactTable, Measured
 
 
 @dataclass(eq=False)
@@ -65,6 +67,18 @@ class Overview:
                 self.assumed_rad[name] = value
             elif value == value:
                 self.read[name] += 1
+
+    def add_table(self, table: ContactTable, read: Mapping[str, np.ndarray], points: np.ndarray) -> None:
+        """Count many frames with their results. read : (B,) by channel, what was read, NaN where nothing was. points :
+        (B, 2) of each, the number of those outside the picture, and of those that are used."""
+        self.frames += len(table)
+        self.partly += int((table.located & np.isnan(table.force_y_N + table.force_z_N)).sum())
+        if (lost := points[:, 0] > 0).any():
+            outside, used = points[lost].sum(axis=0).tolist()
+            self.outside.update({"frames": int(lost.sum()), "points": outside, "used": used})
+        self.read.update({name: int((~np.isnan(read[name])).sum()) for name in _named(self.columns)})
+        for one in zip(table.frame.tolist(), table.status.tolist(), table.reason.tolist(), strict=True):
+            self.add_result(*one)
 
     def add_result(self, frame: int, status: str, reason: str) -> None:
         """Count a frame's status and reason."""

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
         Load,
         Still,
         check_pictures,
+        numbers_of,
         pictures_of,
         read_loads,
         read_noload,

@@ -230,17 +230,35 @@ class Centrelines(Mapping[int, np.ndarray]):
         _, first = np.unique(points[:, 0] + 1j * points[:, 1], return_index=True)
         return points if len(first) == len(points) else points[np.sort(first)]
 
+    def together(self, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The points of several frames (F,), (P, 3) as of one, frame by frame, and how many each has."""
+        places = np.searchsorted(self.frames, frames)
+        if len(frames) and places[-1] < len(self.frames) and (np.diff(places) == 1).all():
+            own = self.frames[places[0] : places[-1] + 1]
+            points, begins, repeated = self._points_of(own) if (own == frames).all() else (None, None, True)
+            if points is not None and begins is not None and not repeated:
+                return points, np.diff(begins, append=len(points))
+        nothing = np.empty((0, 3))
+        several = [self.get(frame, nothing) for frame in frames.tolist()]
+        return np.concatenate([nothing, *several]), np.array([len(each) for each in several], int)
+
     def _place(self, frame: int) -> int | None:
         at = int(np.searchsorted(self.frames, frame))
         return at if at < len(self.frames) and self.frames[at] == frame else None
 
     def _read(self, frames: np.ndarray) -> list[np.ndarray]:
         """The points (N, 3) of consecutive frames."""
+        points, begins, self._repeated = self._points_of(frames)
+        return np.split(points, begins[1:])
+
+    def _points_of(self, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
+        """The points (P, 3) of consecutive frames, where each frame's begin, and whether any may be there twice."""
         first, last = np.searchsorted(self._runs[:, 0], [frames[0], frames[-1] + 1])
-        table = np.empty((0, 0))
+        runs, table = self._runs[first:last], np.empty((0, 0))
+        gaps = np.flatnonzero(runs[1:, 1] != runs[:-1, 2]) + 1
         with suppress(OSError), nullcontext(self._copy) if self._copy else self._path.open("rb") as stream:
             rows = []
-            for _, begin, end in self._runs[first:last].tolist():
+            for begin, end in zip(runs[[0, *gaps], 1].tolist(), runs[[*(gaps - 1), -1], 2].tolist(), strict=True):
                 stream.seek(begin)
                 rows.append(stream.read(end - begin).rstrip(b"\n") + b"\n")
             if _state(stream) == self._state:
@@ -250,9 +268,13 @@ class Centrelines(Mapping[int, np.ndarray]):
             raise InputError("has changed since it was checked", where=self._path, remedy=remedy)
         points = np.full((len(table), 3), np.nan)
         points[:, : table.shape[1] - 1] = table[:, 1:]
+        begins = np.searchsorted(table[:, 0], frames)
+        further = np.diff(points[:, :2], axis=0)
+        further[begins[1:] - 1] = np.nan  # from one frame's last point to the next one's first
+        if any((np.isnan(further) | (way * further > 0.0)).all(axis=0).any() for way in (1.0, -1.0)):
+            return points, begins, False  # in order along one axis
         along = table[np.lexsort((table[:, 1], table[:, 0])), :2]
-        self._repeated = bool((along[1:] == along[:-1]).all(axis=1).any())
-        return np.split(points, np.searchsorted(table[:, 0], frames[1:]))
+        return points, begins, bool((along[1:] == along[:-1]).all(axis=1).any())
 
 
 def _state(stream: BinaryIO) -> tuple[int, ...]:

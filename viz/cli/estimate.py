@@ -25,9 +25,11 @@ from viz.files.outputs import PAGES, refuse_output, report_path
 from . import streams
 
 if TYPE_CHECKING:
+    from estimator.contact.contacts import Contacts
     from estimator.contact.estimate import ContactEstimator
+    from estimator.contact.inputs import Batch
     from estimator.contact.recording import FrameContact, FramePictures, Ground
-    from estimator.table.contacts import ContactRow
+    from estimator.table.contacts import ContactRow, ContactTable
     from vbaa_calib.core.errors import Verdict
     from vbaa_calib.rig import Rig
     from vbaa_calib.session import Drift, Frame
@@ -176,6 +178,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
     from estimator.table.contacts import ContactRow
     from estimator.table.files import rewrite_contacts, write_contacts
     from estimator.table.overview import Overview, overview_in_words
+    from vbaa_calib.session import numbers_of
 
     rig = usable_rig(args.rig, args.accept_rig)
     recording = _from_session if args.session is not None and _is_session(args.session) else _without_session
@@ -190,6 +193,29 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
     if args.two and (rig.antenna.taper or frames.antennas):
         what = "--two needs a uniform antenna with a clamp that does not move"
         raise InputError(what, where=args.rig, remedy="leave it out: one contact at a time")
+
+    def tables(parts: Iterable[tuple[slice, Batch, Contacts]], listed: Sequence[Frame]) -> Iterator[ContactTable]:
+        """The rows of every frame, many at a time."""
+        nonlocal verdict
+        names = tuple(dict.fromkeys((*estimator.rig.columns, "moment_Nm", "pan_rad", "tilt_rad")))
+        columns = {name: numbers_of(listed, name) for name in (*names, "frame", "time_s")}
+        counted = (None if at else part for part in parts for at in range(len(part[2])))
+        for part in progress(counted, "contacts", frames.count):
+            if part is None:
+                continue
+            own, batch, contacts = part
+            about = {name: each[own] for name, each in columns.items()}
+            table = contacts.table({name: about[name] for name in ("frame", "time_s", "pan_rad", "tilt_rad")})
+            if watch is not None:
+                watch.push_together(batch, contacts)
+            used = np.isfinite(batch.points_px[..., 0]).sum(axis=1)
+            frame_of.extend(range(overview.frames, overview.frames + len(table)))
+            overview.add_table(table, about, np.column_stack([batch.outside_points, used]))
+            models.update(table.model.tolist())
+            std_m.extend(table.distance_std_m.tolist())
+            yield table
+        if watch is not None:
+            verdict = with_unused(watch.verdict(), overview.unused, overview.frames)
 
     def rows() -> Iterator[ContactRow]:
         """The rows of every frame, each drawn into the overlay folder where one is asked for."""
@@ -227,7 +253,9 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
                 verdict = with_unused(watch.verdict(), overview.unused, overview.frames)
             remarks += verdict.verdict.lines
 
-    write_contacts(args.output, rows(), args.force)
+    together = None if args.overlay is not None or args.two else frames.together()
+    found = rows() if together is None else tables(together, frames.listed)
+    write_contacts(args.output, found, args.force)
     if verdict.concerns_any:
         rewrite_contacts(args.output, lambda row, *which: changed_row(verdict, frame_of[row], *which))
         overview.amend(partial(changed_row, verdict))
@@ -272,7 +300,8 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
 
 @dataclass(frozen=True, eq=False)
 class _Recording:
-    """Frames that are estimated on demand, their number if known, and notes; where clamps move, the antennas' names."""
+    """Frames that are estimated on demand, their number if known, and notes; where clamps move, the antennas' names.
+    together : `estimate_together` of the `listed` frames, where that is possible."""
 
     items: Iterable[FrameContact]
     count: int | None
@@ -281,6 +310,8 @@ class _Recording:
     notes: Callable[[], list[str]] = list
     counts: Mapping[str, int] = field(default_factory=dict)
     antennas: Sequence[str] = ()
+    listed: Sequence[Frame] = ()
+    together: Callable[[], Iterator[tuple[slice, Batch, Contacts]] | None] = lambda: None
 
 
 def _is_session(path: Path) -> bool:
@@ -299,6 +330,7 @@ def _estimator(args: argparse.Namespace, rig: Rig, drift: Drift | None) -> Conta
 
 def _from_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator, _Recording]:
     """The recording of a session. Raises InputError."""
+    from estimator.contact.recording import estimate_together
     from estimator.contact.source import estimate_source, open_source
     from estimator.contact.surroundings import surroundings
 
@@ -310,12 +342,16 @@ def _from_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator,
     if not args.no_moment:
         _say_silent(source.frames, rig)
     ground, words = surroundings(estimator.rig, args.background, lambda: source.stills(rig, Path()))
-    return estimator, _Recording(estimate_source(estimator, source, ground), len(source.frames), ground, words)
+    items, count = estimate_source(estimator, source, ground), len(source.frames)
+    if source.lines is None or source.shutter.exposure_s or source.shutter.readout_s:
+        return estimator, _Recording(items, count, ground, words)
+    together = partial(estimate_together, estimator, source.frames, source.lines)
+    return estimator, _Recording(items, count, ground, words, listed=source.frames, together=together)
 
 
 def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator, _Recording]:
     """The recording in a bag, a video, a table of pictures, or centrelines. Raises InputError."""
-    from estimator.contact.recording import estimate_centrelines, estimate_taken
+    from estimator.contact.recording import estimate_centrelines, estimate_taken, estimate_together
     from estimator.contact.source import sample_of, unpacked
     from estimator.contact.surroundings import surroundings
     from vbaa_calib.session import without_moments
@@ -332,7 +368,9 @@ def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimat
             frames = without_moments(frames)
         else:
             _say_silent(frames, rig)
-        return estimator, _Recording(estimate_centrelines(estimator, frames, lines), len(frames), None)
+        together = partial(estimate_together, estimator, frames, lines)
+        items = estimate_centrelines(estimator, frames, lines)
+        return estimator, _Recording(items, len(frames), None, listed=frames, together=together)
     timing = streams.timing_of(args, rig)
 
     def opened() -> tuple[MessageSource, Synchronizer, Iterator[tuple[Frame, FramePictures]]]:
