@@ -14,7 +14,7 @@ from estimator.solver.rig_arrays import LINE_ERRORS, RigArrays
 from vbaa_calib.camera.lens import lens_of
 from vbaa_calib.core.arrays import spread_evenly
 from vbaa_calib.core.robust import chi_square, finite_or_none
-from vbaa_calib.detect.whisker.antenna import free_curve
+from vbaa_calib.detect.whisker.corridor import free_curve
 from vbaa_calib.rig import RIG_PARAMETERS, Rig
 
 from .inputs import Batch

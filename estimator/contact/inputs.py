@@ -20,8 +20,8 @@ from vbaa_calib.core.arrays import ANGLE_REMEDY, MOMENT_REMEDY, PLAUSIBLE, Rows,
 from vbaa_calib.core.errors import InputError, quoted
 from vbaa_calib.core.polyline import offsets_from, resample
 from vbaa_calib.core.robust import mad_std
-from vbaa_calib.detect.whisker.antenna import pixels
-from vbaa_calib.detect.whisker.crossings import too_short
+from vbaa_calib.detect.whisker.centreline import too_short
+from vbaa_calib.detect.whisker.corridor import pixels
 from vbaa_calib.native import core
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import READINGS

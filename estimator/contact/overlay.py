@@ -30,9 +30,9 @@ from vbaa_calib.detect.drawing.overlay import (
     keys,
     sigma_colours,
 )
-from vbaa_calib.detect.whisker.antenna import LEAST_AXIS, corridor, free_curve, pixels, width_px
-from vbaa_calib.detect.whisker.corridor import Corridor
-from vbaa_calib.detect.whisker.stretches import Stretch, stretches, why_lost
+from vbaa_calib.detect.whisker.acceptance import Stretch, stretches, why_lost
+from vbaa_calib.detect.whisker.corridor import Corridor, corridor, free_curve, pixels, width_px
+from vbaa_calib.detect.whisker.finder import LEAST_AXIS
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame
 

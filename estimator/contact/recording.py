@@ -19,14 +19,12 @@ from vbaa_calib.core.arrays import MOMENT_REMEDY, PLAUSIBLE, Rows, check_each, s
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.core.polyline import arc_lengths
-from vbaa_calib.detect.whisker.acceptance import decided
-from vbaa_calib.detect.whisker.antenna import corridor, finder, free_curve, pixels, same_paths_m_s2, width_px
+from vbaa_calib.detect.whisker.acceptance import decided, explained, less_sure, of_antennas_shape
 from vbaa_calib.detect.whisker.background import Background, evened
 from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline, Visibility
-from vbaa_calib.detect.whisker.corridor import Corridor, less_sure, of_antennas_shape
-from vbaa_calib.detect.whisker.finder import AntennaFinder
+from vbaa_calib.detect.whisker.corridor import Corridor, corridor, free_curve, pixels, width_px
+from vbaa_calib.detect.whisker.finder import AntennaFinder, finder, same_paths_m_s2
 from vbaa_calib.detect.whisker.paint import without_other_things
-from vbaa_calib.detect.whisker.stretches import explained
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import READINGS, Centrelines, Frame, Session, Still, numbers_of, pictures_of, read_centrelines
 

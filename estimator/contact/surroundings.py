@@ -17,9 +17,10 @@ import numpy as np
 
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import SUFFIXES
-from vbaa_calib.detect.whisker.background import LEAST_PICTURES, STILL, Background, covered, learn
+from vbaa_calib.detect.whisker.background import Background, covered, learn
 from vbaa_calib.detect.whisker.centreline import Centreline
 from vbaa_calib.detect.whisker.finder import AntennaFinder
+from vbaa_calib.detect.whisker.settings import BackgroundSettings
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame, Still, check_pictures
 
@@ -61,7 +62,7 @@ def surroundings(rig: Rig, picture: Path | None, frames: Callable[[], Sequence[S
 def _learn_surroundings(rig: Rig, frames: Sequence[Still]) -> tuple[Callable[[Still], Background | None] | None, str]:
     """Backgrounds from pictures with the antenna in them, and a sentence on them; None where none is useful."""
     pictured = [still for still in frames if still.image is not None]
-    why = f"fewer than {LEAST_PICTURES} pictures"
+    why = f"fewer than {BackgroundSettings.least_pictures} pictures"
     for step in (np.inf, ContactSettings.alike_px / float(rig.camera.matrix[0, 0])):
         cells = defaultdict(list)
         for still in pictured:
@@ -69,7 +70,7 @@ def _learn_surroundings(rig: Rig, frames: Sequence[Still]) -> tuple[Callable[[St
         several = sorted(cells.items(), key=lambda cell: -len(cell[1]))[: ContactSettings.most_positions]
         grounds: dict[tuple[int, int], Background] = {}
         for cell, own in several:
-            if len(own) >= LEAST_PICTURES:
+            if len(own) >= BackgroundSettings.least_pictures:
                 ground, why = _learnt(rig, own)
                 grounds |= {} if ground is None else {cell: ground}
         if grounds:
@@ -107,7 +108,13 @@ def _learnt(rig: Rig, frames: Sequence[Still]) -> tuple[Background | None, str]:
     if looking is None:
         return None, "the camera does not see the antenna"
     width, height = rig.camera.image_size
-    count = int(np.clip(ContactSettings.most_px // (width * height), LEAST_PICTURES, ContactSettings.most_pictures))
+    count = int(
+        np.clip(
+            ContactSettings.most_px // (width * height),
+            BackgroundSettings.least_pictures,
+            ContactSettings.most_pictures,
+        )
+    )
     sample = [frames[i] for i in np.unique(np.linspace(0, len(frames) - 1, count).round().astype(int))]
     return _background_of([_plane(rig, still.image) for still in sample if still.image], looking, rig.image.bright)
 
@@ -136,7 +143,7 @@ def _background_of(
     always = [unknown[covered(line, unknown.shape, 1.0) > 0].mean() for line in lines if line.found]
     if always and np.mean(always) > ContactSettings.hardly_moves:
         return None, "the antenna hardly moves in the picture, and hides what lies behind it"
-    if ground.detail_over_scatter(corridor_mask(looking.corridor, looking.image_size) > 0) < STILL:
+    if ground.detail_over_scatter(corridor_mask(looking.corridor, looking.image_size) > 0) < BackgroundSettings.still:
         return None, "what lies behind the antenna is plain, or does not stand still"
     return ground, ""
 

@@ -31,7 +31,7 @@ from estimator.table.contacts import ContactRow
 from vbaa_calib.antenna.shape import bend
 from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import Diagnosis
-from vbaa_calib.detect.whisker.antenna import pixels, width_px
+from vbaa_calib.detect.whisker.corridor import pixels, width_px
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame
 from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing

@@ -15,13 +15,13 @@ from vbaa_calib.antenna.shape import bend
 from vbaa_calib.calibrate.antenna.learnt_paint import learn
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.polyline import normals, resample
-from vbaa_calib.detect.whisker.antenna import CLAMP_REACH_PX, REACH_PER_LENGTH, corridor, free_curve, pixels
-from vbaa_calib.detect.whisker.antenna import finder as detector
 from vbaa_calib.detect.whisker.centreline import Centreline, Visibility
-from vbaa_calib.detect.whisker.corridor import Corridor
+from vbaa_calib.detect.whisker.corridor import Corridor, corridor, free_curve, pixels
 from vbaa_calib.detect.whisker.finder import AntennaFinder
+from vbaa_calib.detect.whisker.finder import finder as detector
 from vbaa_calib.detect.whisker.paint import Paint, look_of, usual_looks, without_other_things
 from vbaa_calib.detect.whisker.profile import measure, measure_in_colour
+from vbaa_calib.detect.whisker.settings import SearchSettings
 from vbaa_calib.geometry import Pose
 
 from ..rod_scenes import BROWN, LENGTH_M, MATRIX, World, camera_pose
@@ -281,7 +281,7 @@ PICTURES = traced_pictures()
 def test_no_other_line_is_taken_for_the_antenna(picture: TracedPicture) -> None:
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(picture.free_px, axis=0), axis=1))])
     # the rig is known to a pixel, not better
-    guess, reach = picture.free_px + np.array([0.5, 1.0]), CLAMP_REACH_PX + REACH_PER_LENGTH * along
+    guess, reach = picture.free_px + np.array([0.5, 1.0]), SearchSettings.clamp_px + SearchSettings.reach * along
     color, where = picture.color(), Corridor(guess, reach, picture.width_px)
     finder = AntennaFinder.prepare(where, (color.shape[1], color.shape[0]))
     found = Paint(None).find(finder, color)
@@ -311,7 +311,7 @@ def test_before_other_colours_the_line_is_where_the_antenna_is() -> None:
 def test_light_from_one_side_does_not_pull_the_line(name: str) -> None:
     picture = next(one for one in PICTURES if one.name == name)
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(picture.free_px, axis=0), axis=1))])
-    where = Corridor(picture.free_px, CLAMP_REACH_PX + REACH_PER_LENGTH * along, picture.width_px)
+    where = Corridor(picture.free_px, SearchSettings.clamp_px + SearchSettings.reach * along, picture.width_px)
     color = picture.color()
     finder = AntennaFinder.prepare(where, (color.shape[1], color.shape[0]))
     assert learn([finder], [color]) == Paint(None)

@@ -26,7 +26,7 @@ from vbaa_calib.core.arrays import spread_evenly
 from vbaa_calib.core.errors import Diagnosis, InputError, Severity, SolveError
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.core.least_squares import Linearised, Rules, minimise
-from vbaa_calib.detect.whisker.antenna import free_curve
+from vbaa_calib.detect.whisker.corridor import free_curve
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session import Session, Still, gravity_antenna
 

@@ -24,7 +24,7 @@ from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.core.polyline import arc_lengths, normals
 from vbaa_calib.detect.board.corners import BoardView
-from vbaa_calib.detect.whisker.antenna import free_curve
+from vbaa_calib.detect.whisker.corridor import free_curve
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session import Still
 from vbaa_calib.session.jig import jig_alternatives, jig_doubts

@@ -45,9 +45,9 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.cli.usable_rig import usable_rig
     from vbaa_calib.core.images import read_gray, read_picture
     from vbaa_calib.detect.drawing.overlay import centreline_picture, described
+    from vbaa_calib.detect.whisker.acceptance import Cause, stretches, why_lost
     from vbaa_calib.detect.whisker.centreline import NOTHING, Visibility
     from vbaa_calib.detect.whisker.paint import without_other_things
-    from vbaa_calib.detect.whisker.stretches import Cause, stretches, why_lost
     from vbaa_calib.session import Frame, check_pictures
 
     rig = usable_rig(args.rig)

@@ -25,7 +25,7 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.core.least_squares import CHANCE_SCATTER, Linearised, Rules, disagreement, disagreement_p, minimise
 from vbaa_calib.core.robust import MAD_SCALE, chi_square, huber_weights, mad_std
-from vbaa_calib.detect.whisker.locking import LINE_MODES
+from vbaa_calib.detect.whisker.profile import LINE_MODES
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Tip, WrenchSensor
 from vbaa_calib.rig.reprojection import see

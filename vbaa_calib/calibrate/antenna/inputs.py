@@ -13,8 +13,8 @@ from vbaa_calib.calibrate.lens.settings import LensSettings
 from vbaa_calib.calibrate.lens.uncertainty import pixel_grid, projection_jacobian
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.camera import Camera
-from vbaa_calib.detect.whisker.locking import locking_std
 from vbaa_calib.detect.whisker.paint import Paint
+from vbaa_calib.detect.whisker.profile import locking_std
 from vbaa_calib.geometry import Pose
 from vbaa_calib.geometry.covariance import independent_axes
 from vbaa_calib.rig import WrenchSensor

@@ -10,8 +10,7 @@ import numpy as np
 
 from vbaa_calib.core.polyline import arc_lengths, offsets_from
 from vbaa_calib.detect.whisker.centreline import Centreline, Visibility
-from vbaa_calib.detect.whisker.contrast import coloured
-from vbaa_calib.detect.whisker.finder import AntennaFinder
+from vbaa_calib.detect.whisker.finder import AntennaFinder, coloured
 from vbaa_calib.detect.whisker.paint import PLACES, VISIBLE, Paint
 from vbaa_calib.detect.whisker.profile import measure_on
 

@@ -15,7 +15,7 @@ from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import SolveError
 from vbaa_calib.core.least_squares import Linearised
-from vbaa_calib.detect.whisker.locking import LINE_MODES
+from vbaa_calib.detect.whisker.profile import LINE_MODES
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import RIG_PARAMETERS, RIG_STEPS, WrenchSensor
 from vbaa_calib.rig.reprojection import (

@@ -25,11 +25,11 @@ from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.core.polyline import arc_lengths, normals
-from vbaa_calib.detect.whisker.acceptance import decided
-from vbaa_calib.detect.whisker.antenna import REACH_PER_LENGTH, corridor, finder, free_curve
-from vbaa_calib.detect.whisker.finder import AntennaFinder
+from vbaa_calib.detect.whisker.acceptance import decided, stretches, why_lost
+from vbaa_calib.detect.whisker.corridor import corridor, free_curve
+from vbaa_calib.detect.whisker.finder import AntennaFinder, finder
 from vbaa_calib.detect.whisker.paint import Paint, look_of, usual_looks
-from vbaa_calib.detect.whisker.stretches import stretches, why_lost
+from vbaa_calib.detect.whisker.settings import SearchSettings
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig, WrenchSensor
 from vbaa_calib.session import (
@@ -149,7 +149,7 @@ class ExpectedAntenna:
     def _finder(self, still: Still, gravity_m_s2: np.ndarray, deviations: float | None) -> AntennaFinder:
         """Detector of the antenna within so many standard deviations of its expected place; None: in the whole
         picture."""
-        length, reach = self.antenna.length_m, REACH_PER_LENGTH
+        length, reach = self.antenna.length_m, SearchSettings.reach
         shape = free_curve(self.parameters, length, gravity_m_s2, self.antenna.taper)
         if deviations is not None:
             aside = AntennaSettings.lateral_prior if self.course is None else AntennaSettings.lateral_course
@@ -166,7 +166,7 @@ class ExpectedAntenna:
                 )
                 # the stiffness may be anything within a factor of two
                 aside += float(np.linalg.norm(shape.points_m[0, -1] - free)) / length / 3.0
-            reach = min(deviations * aside, REACH_PER_LENGTH)
+            reach = min(deviations * aside, SearchSettings.reach)
         path = corridor(
             self.camera, self.T_antenna_camera.inverse(), shape, self.antenna.diameter_m, reach, self.antenna.taper
         )

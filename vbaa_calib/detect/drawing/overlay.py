@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 
 from vbaa_calib.core.polyline import normals
+from vbaa_calib.detect.whisker.acceptance import Cause, Stretch
 from vbaa_calib.detect.whisker.centreline import Centreline, Visibility
 from vbaa_calib.detect.whisker.corridor import Corridor
-from vbaa_calib.detect.whisker.stretches import Cause, Stretch
 
 from .canvas import WHITE, Canvas, Colour, Key, strip
 from .settings import DrawingSettings

@@ -17,22 +17,14 @@ from vbaa_calib.core.polyline import resample
 from vbaa_calib.native import core
 
 from .centreline import Centreline
+from .settings import BackgroundSettings
 
-FINE_PX, COARSE_PX = 1.2, 21
-"""Detail between these scales registers a picture: noise is finer, light that changes slowly is coarser."""
-MOST_PIXELS, DETAILED = 8_000, 0.9
-"""At most so many pixels are compared, of those above this quantile of the slope."""
-ROUNDS, MOST_SHIFT_PX = 6, 6.0
-GAIN, LEAST_CORRELATION, BETWEEN_TWO = (0.4, 2.5), 0.65, 0.5
-"""Limits of the gain, and least correlation of the detail with a picture, and of two noisy pictures."""
-LEAST_PICTURES, LEAST_UNCOVERED = 5, 3
-"""Least number of pictures to learn from, and of those that show a pixel."""
+ROUNDS = 6
+"""Gauss–Newton steps of a registration."""
 ORDINARY_BLUR_PX = 0.85
 """Blur of a lens in focus and of the pixels, standard deviation."""
 _FADE_PX = 6
 """Width of the transition from known to filled-in pixels."""
-STILL = 1.0
-"""A background is used if its detail is so many times its scatter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,20 +52,22 @@ class Background:
     @cached_property
     def _marks(self) -> tuple[np.ndarray, np.ndarray]:
         """(M, 2) pixels with much detail, u and v, and the detail (H, W)."""
-        detail = _detail(self.grey, FINE_PX)
+        detail = _detail(self.grey, BackgroundSettings.fine_px)
         slope = np.hypot(*np.gradient(detail))
-        edge = int(MOST_SHIFT_PX) + 2
+        edge = int(BackgroundSettings.most_shift_px) + 2
         slope[:edge], slope[-edge:], slope[:, :edge], slope[:, -edge:] = 0.0, 0.0, 0.0, 0.0
-        v, u = np.nonzero(slope > np.quantile(slope[::3, ::3], DETAILED))
-        every = 1 + len(u) // MOST_PIXELS
+        v, u = np.nonzero(slope > np.quantile(slope[::3, ::3], BackgroundSettings.detailed))
+        every = 1 + len(u) // BackgroundSettings.most_pixels
         return np.stack([u, v], axis=1)[::every].astype(np.float32), detail
 
-    def _fitted(self, image: np.ndarray, least: float = LEAST_CORRELATION) -> tuple[float, np.ndarray] | None:
+    def _fitted(
+        self, image: np.ndarray, least: float = BackgroundSettings.least_correlation
+    ) -> tuple[float, np.ndarray] | None:
         """Gain and shift (2,) px that fit the background to a picture, robust to objects in front of it."""
         at, detail = self._marks
         if len(at) < 50:
             return None
-        whole = _detail(image.astype(np.float32), FINE_PX)
+        whole = _detail(image.astype(np.float32), BackgroundSettings.fine_px)
         seen = whole[at[:, 1].astype(int), at[:, 0].astype(int)]
         found = self._near(seen, np.zeros(2), least)
         # farther than its detail is broad, only the whole picture tells
@@ -90,11 +84,11 @@ class Background:
             weight = 1.0 / (1.0 + (left / (2.0 * scale)) ** 2) ** 2
             normal_matrix = (rows * weight[:, None]).T @ rows + 1e-6 * len(rows) * np.eye(3)
             gain, *moved = np.linalg.solve(normal_matrix, (rows * weight[:, None]).T @ seen)
-            if not GAIN[0] < gain < GAIN[1]:
+            if not BackgroundSettings.gain[0] < gain < BackgroundSettings.gain[1]:
                 return None
             step = np.array(moved) / gain
             shift = shift + step / max(1.0, float(np.hypot(*step)))
-            if np.hypot(*shift) > MOST_SHIFT_PX:
+            if np.hypot(*shift) > BackgroundSettings.most_shift_px:
                 return None
             if np.hypot(*step) < 0.01:
                 break
@@ -112,14 +106,15 @@ def learn(images: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> Backgrou
     """
     best: list[_Fit] = []
     for first in dict.fromkeys((len(images) // 2, 0, len(images) - 1)):
-        best = max(best, _fits(Background(images[first].astype(np.float32)), images, BETWEEN_TWO), key=len)
+        ground = Background(images[first].astype(np.float32))
+        best = max(best, _fits(ground, images, BackgroundSettings.between_two), key=len)
         if len(best) > len(images) // 2:
             break
-    if len(best) < LEAST_PICTURES:
+    if len(best) < BackgroundSettings.least_pictures:
         return None
     # once more against what the first round made of them: one picture's noise would lower every gain
-    best = _fits(_median(images, masks, best), images, LEAST_CORRELATION)
-    return _median(images, masks, best) if len(best) >= LEAST_PICTURES else None
+    best = _fits(_median(images, masks, best), images, BackgroundSettings.least_correlation)
+    return _median(images, masks, best) if len(best) >= BackgroundSettings.least_pictures else None
 
 
 _Fit = tuple[int, float, np.ndarray]
@@ -140,7 +135,7 @@ def _median(images: Sequence[np.ndarray], masks: Sequence[np.ndarray], fits: lis
         own[_moved(masks[index], -shift) > 0] = np.inf
     several.sort(axis=0)  # what is covered comes last
     uncovered = np.isfinite(several).sum(axis=0)
-    known = uncovered >= LEAST_UNCOVERED
+    known = uncovered >= BackgroundSettings.least_uncovered
     low, middle, high = (
         np.take_along_axis(several, np.rint(part * np.maximum(uncovered - 1, 0)).astype(int)[None], axis=0)[0]
         for part in (0.25, 0.5, 0.75)
@@ -190,7 +185,7 @@ def _filled(grey: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 def _detail(grey: np.ndarray, fine_px: float) -> np.ndarray:
     fine = cv2.GaussianBlur(grey, (0, 0), fine_px) if fine_px else grey
-    return np.asarray(fine - cv2.blur(grey, (COARSE_PX, COARSE_PX)))
+    return np.asarray(fine - cv2.blur(grey, (BackgroundSettings.coarse_px, BackgroundSettings.coarse_px)))
 
 
 def _at(values: np.ndarray, places: np.ndarray) -> np.ndarray:

@@ -135,3 +135,8 @@ class Centreline:
 
 NOTHING = Centreline(_no_points(), _no_numbers(), 0.0, 0.0, 1.0)
 """No guide to look along, or nothing along it."""
+
+
+def too_short(path_px: np.ndarray) -> bool:
+    """Whether a path (K, 2) is too short for a line to be measured along it."""
+    return len(path_px) < 2 or bool(np.hypot(*np.diff(path_px, axis=0).T).sum() < 8.0)

@@ -1,4 +1,4 @@
-"""Possible places and shapes of the antenna in the picture."""
+"""Where the antenna can be in the picture, and the shapes that it can have there."""
 
 from __future__ import annotations
 
@@ -7,34 +7,25 @@ from functools import cached_property
 
 import numpy as np
 
+from vbaa_calib.antenna.shape import Curves, bend
+from vbaa_calib.antenna.taper import UNIFORM, Taper
 from vbaa_calib.camera import Camera
-from vbaa_calib.core.polyline import arc_lengths, followed, normals, offsets_from, resample
+from vbaa_calib.core.polyline import arc_lengths, followed, offsets_from, resample
+from vbaa_calib.geometry import Pose
 from vbaa_calib.native import core
 
-from .centreline import Centreline, Visibility
-from .settings import SearchSettings
+from .settings import AcceptanceSettings, SearchSettings
 
-CLAMP_REACH_PX, CLAMP_TURN_RAD = 8.0, 0.12
-"""How far off the clamp itself may be, and three deviations of its direction on a rig that is not calibrated."""
 STARTS = np.zeros((6, 5))
 STARTS[:, 3], STARTS[:, 4] = [0.0, 0.0, 0.7, -0.7, 0.7, -0.7], np.log([0.6, 0.3, 0.6, 0.6, 0.3, 0.3])
-"""By how much a force bends the antenna towards the camera (rad), and where, in logarithms of its lengths, to begin
-with; the first two in the picture alone."""
-SHAPE_POINTS, LEAST_SHAPE_POINTS, SHAPE_SEGMENTS = 40, 12, 48
-"""Most and fewest runs of points whose means are compared with a shape; its segments."""
-DEPTH_RAD = 3.0
-"""Prior standard deviation of the bend towards the camera, which perspective alone shows."""
-SHAPE_RANK, WELL_SHAPED = 0.3, 0.05
-"""So much less a line may be seen that has a shape of one unit of misfit less; a misfit that is not made better."""
-USUAL_MISFIT, UNSURE_MISFIT, MUCH_SEEN, SHAPE_DOUBT = 0.08, 0.25, 0.72, 4.0
-"""Most that lines have which lie on the antenna all along; most for one of which much is seen, but not surely; part of
-a line of either polarity that must be seen for more; and its doubt for the square root of more, over `shape_px`."""
-ASIDE_RAD, STRAY_PX = 0.05, (4.0, 2.0, 2.0, 1.0, 1.0, 0.7, 0.7)
-"""Deviation of the bend towards the camera of the shape that is nearest to some points, which shows how long it is; and
-distances at which one counts half as much, one round each."""
-FROM_CLAMP, BENDS_MORE = 0.35, (3.0, 0.15)
-"""Part of the length over which a line's direction at the clamp is measured, by a parabola; and by how much a contact
-there may falsify it, over its turn: less for a line of either polarity."""
+"""Initial bends by a force towards the camera, rad, and its places, as logarithms of parts of the length; the first two
+in the picture alone."""
+SHAPE_POINTS = 40
+"""Runs of points whose means are compared with a shape, at most."""
+LEAST_SHAPE_POINTS = 12
+"""Fewest of these, or of points, that a shape is fitted to."""
+SHAPE_SEGMENTS = 48
+"""Segments of a shape."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +76,7 @@ class FreeShape:
         seen, variance = self._shown(points_px, sigma_px, allowed[0])
         if len(seen) < LEAST_SHAPE_POINTS:
             return 0.0
-        known = (allowed[1] / self.clamp_px_per_m, allowed[2], DEPTH_RAD)
+        known = (allowed[1] / self.clamp_px_per_m, allowed[2], AcceptanceSettings.depth_rad)
         return float(core.search.nearest_shape(self, seen, variance, known, enough, STARTS)[0])
 
     def nearest(self, points_px: np.ndarray, sigma_px: np.ndarray, allowed: tuple[float, float, float]) -> np.ndarray:
@@ -93,9 +84,9 @@ class FreeShape:
         seen, variance = self._shown(points_px, sigma_px, allowed[0])
         if len(seen) < LEAST_SHAPE_POINTS:
             return np.empty((0, 2))
-        known = (0.5 * allowed[1] / self.clamp_px_per_m, 0.5 * allowed[2], ASIDE_RAD)
+        known = (0.5 * allowed[1] / self.clamp_px_per_m, 0.5 * allowed[2], AcceptanceSettings.nearest_depth_rad)
         weight, starts, middle = np.ones(len(seen)), STARTS[:2], 0.5 * np.asarray(self.camera.image_size, float)
-        for scale in STRAY_PX:
+        for scale in AcceptanceSettings.stray_px:
             _, shape = core.search.nearest_shape(self, seen, variance * weight, known, 0.0, starts)
             curve = core.search.bent(self, shape)
             along = self.focal_px * curve
@@ -136,8 +127,8 @@ class Corridor:
     axis_px: np.ndarray
     reach_px: np.ndarray
     width_px: float
-    clamp_px: float = CLAMP_REACH_PX
-    clamp_rad: float = CLAMP_TURN_RAD
+    clamp_px: float = SearchSettings.clamp_px
+    clamp_rad: float = SearchSettings.clamp_rad
     shape_px: float | None = None
     free: FreeShape | None = None
     taper: float = 0.0
@@ -169,73 +160,57 @@ class Corridor:
         return self.free.nearest(points_px, sigma_px, (self.shape_px, self.clamp_px, self.clamp_rad))
 
 
-def _reject_beside_clamp(line: Centreline, where: Corridor, changing: bool) -> Centreline:
-    """The centreline, rejected where it does not leave the clamp along the free antenna.
+def free_curve(parameters: np.ndarray, length_m: float, gravity_m_s2: np.ndarray, taper: Taper = UNIFORM) -> Curves:
+    """The free antenna under its weight, as a batch of one: parameters (9,), gravity (3,) antenna frame."""
+    middle, nothing = np.array([0.5 * length_m]), np.zeros((1, 2))
+    return bend(parameters[None], length_m, gravity_m_s2[None], middle, nothing, taper=taper)
 
-    A cantilever bends away from its free shape slowly; a cable or an edge that passes its clamp is straight there.
+
+def pixels(camera: Camera, T_camera_antenna: Pose, points_m: np.ndarray) -> np.ndarray:
+    """(M, 2) pixels of a shape's points (M, 3), antenna frame, within the range of `followed`; points that the lens
+    cannot project are left out."""
+    projected, valid = camera.project(T_camera_antenna @ points_m)
+    return followed(projected[valid], camera.image_size)
+
+
+def width_px(camera: Camera, T_camera_antenna: Pose, points_m: np.ndarray, diameter_m: float) -> float:
+    """The antenna's width in the picture, px, halfway along its points (N, 3), antenna frame; for a strong change of
+    depth the mean of its ends. 0 where the camera does not see it there, and at most the picture's shorter side."""
+    nearness, halfway = _nearness(T_camera_antenna, points_m)
+    if not halfway > 0.0:
+        return 0.0
+    per_m = halfway if nearness is None else nearness.mean()
+    return min(float(diameter_m * 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1]) * per_m), *camera.image_size)
+
+
+def _nearness(T_camera_antenna: Pose, points_m: np.ndarray) -> tuple[np.ndarray | None, float]:
+    """Reciprocal depths (2,) of the first and the last of points (N, 3), clamp and tip, and the one halfway; 0 behind
+    the camera. None in place of the two where they are about the same: the width is then learnt from profiles."""
+    depth = (T_camera_antenna @ points_m[[0, len(points_m) // 2, -1]])[:, 2]
+    if not depth[1] > 0.0:
+        return None, 0.0
+    ends = 1.0 / depth[[0, 2]]
+    apart = abs(ends[1] - ends[0]) > SearchSettings.perspective * abs(ends.mean())
+    return (ends if depth.min() > 0.0 and apart else None), float(1.0 / depth[1])
+
+
+def corridor(
+    camera: Camera,
+    T_camera_antenna: Pose,
+    free: Curves,
+    diameter_m: float,
+    reach: float = SearchSettings.reach,
+    taper: Taper = UNIFORM,
+) -> Corridor:
+    """The corridor of possible antennas of known free shape in the picture, which extends by `reach` of the way from
+    the clamp to either side.
+
+    diameter_m : at its clamp, from where it changes by the taper.
     """
-    if not line.found or len(where.axis_px) < 2:
-        return line
-    start, part_px = where.axis_px[0], FROM_CLAMP * float(arc_lengths(where.axis_px)[-1])
-    # along the line itself, since a strongly bent one soon leaves the axis; its guide, which noise makes no longer
-    guide = np.hypot(*(line.guide_px[0] - start)) + arc_lengths(line.guide_px)
-    along = guide[line.visibility == Visibility.SEEN] / part_px
-    first = along < 1.0
-    if first.sum() < LEAST_SHAPE_POINTS:
-        return line
-    across = (line.points_px[first] - start) @ normals(where.axis_px)[0]
-    bend, slope, offset = np.polyfit(along[first], across, 2)
-    spread = 2.0 * core.search.median(line.sigma_px[first])
-    turn = (abs(slope) - BENDS_MORE[changing] * abs(2.0 * bend)) / part_px - spread * FROM_CLAMP / (0.1 * part_px)
-    if np.hypot(offset / (where.clamp_px + spread), max(turn, 0.0) / where.clamp_rad) > 1.0:
-        aside = np.degrees(np.arctan(abs(slope) / part_px))
-        return line.with_verdict(
-            "no_antenna",
-            f"what could be the antenna passes the clamp by {abs(offset):.0f} px, {aside:.0f}° from its axis (a cable, "
-            "an edge; or the clamp is not where it is said to be)",
-        )
-    return line
-
-
-def of_antennas_shape(line: Centreline, where: Corridor, changing: bool) -> Centreline:
-    """The centreline, rejected where no antenna can have its shape.
-
-    On a calibrated rig a line must be the free antenna bent by a force: a cable bends elsewhere than at the clamp, and
-    a line that goes over to an object's edge has a kink. A line of either polarity (`changing`) is more easily
-    something else: unless much of it is seen, or its shape is likely, it must also leave the clamp as the antenna does
-    and fit better than usual; unless much of it is surely a line, not an edge, it must fit better, too. On a rig that
-    is not calibrated every line must leave the clamp as the antenna does.
-    """
-    little = changing and line.seen < MUCH_SEEN and not line.odds >= SearchSettings.likely_odds
-    line = _reject_beside_clamp(line, where, changing) if little or where.shape_px is None else line
-    if where.shape_px is None or not line.found:
-        return line
-    unsure = changing and line.seen * line.sure < MUCH_SEEN
-    most = USUAL_MISFIT if little else UNSURE_MISFIT if unsure else 1.0
-    if where.misfit(line.points_px, line.sigma_px, most) <= most:
-        return line
-    return line.with_verdict(
-        "no_antenna",
-        "what could be the antenna is not its free shape bent by a force (an object's edge, a cable; or the rig has "
-        "moved since its calibration)",
-    )
-
-
-def less_sure(line: Centreline, where: Corridor) -> Centreline:
-    """The centreline, on a calibrated rig with standard deviations increased by the deviation of its shape from an
-    antenna's."""
-    if where.shape_px is None or not line.found:
-        return line
-    misfit = where.misfit(line.points_px, line.sigma_px, USUAL_MISFIT)
-    return line.doubted(SHAPE_DOUBT * where.shape_px * float(np.sqrt(max(misfit - USUAL_MISFIT, 0.0))))
-
-
-def better_shaped(line: Centreline, other: Centreline, where: Corridor) -> Centreline:
-    """The one of two lines that is more visible, more certain and shaped more like an antenna.
-
-    Where the antenna is faint, one that goes on along a cable or an edge near it has a kink there.
-    """
-    if not other.found or not line.found:
-        return line if line.found else other
-    rank = [one.likely - SHAPE_RANK * where.misfit(one.points_px, one.sigma_px, WELL_SHAPED) for one in (line, other)]
-    return line if rank[0] >= rank[1] else other
+    points = free.points_m[0]
+    axis, shape = pixels(camera, T_camera_antenna, points), FreeShape.of(camera, T_camera_antenna @ points)
+    width = width_px(camera, T_camera_antenna, points, diameter_m * taper.middle)
+    nearness, _ = _nearness(T_camera_antenna, points)
+    thick, thin = taper.diameter(np.array([0.0, 1.0])) * (1.0 if nearness is None else nearness)
+    broader = float((thin - thick) / (0.5 * (thin + thick)))
+    return Corridor(axis, SearchSettings.clamp_px + reach * arc_lengths(axis), width, free=shape, taper=broader)

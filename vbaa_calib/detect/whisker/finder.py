@@ -1,5 +1,4 @@
-"""Detects the antenna in pictures of one rig: its possible paths are tabulated once, a search takes about a
-millisecond."""
+"""The antenna in pictures of one rig: its possible paths are tabulated once, a search takes about a millisecond."""
 
 from __future__ import annotations
 
@@ -8,31 +7,22 @@ from functools import cached_property
 
 import numpy as np
 
+from vbaa_calib.antenna.taper import UNIFORM, Taper
+from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.polyline import arc_lengths, followed, normals, resample
 from vbaa_calib.native import core
 
-from .acceptance import OTHER_LINE_SEEN, best_of, reject_faint
-from .centreline import Centreline
-from .contrast import coloured
-from .corridor import USUAL_MISFIT, Corridor, better_shaped, less_sure, of_antennas_shape
-from .crossings import too_short
-from .profile import ORDINARY_BLUR_PX, measure, measure_in_colour, measure_on, refine_path
-from .settings import SearchSettings
+from .acceptance import best_of, better_shaped, less_sure, of_antennas_shape, reject_faint
+from .centreline import Centreline, too_short
+from .corridor import Corridor, free_curve
+from .profile import measure, measure_in_colour, measure_on, refine_path
+from .settings import AcceptanceSettings, ProfileSettings, SearchSettings
 
-_OTHER_PATH_SHARE = 0.75
-"""A second path is measured if its score is at least this share of the best."""
-BLURRED_PX = 8.0
-"""Blur at which the antenna is looked for once more where it is not found in focus."""
-CHANGING_OTHER = 0.85
-"""Where the polarity changes along the antenna: share of the first line's visible length from which a second line makes
-the picture ambiguous."""
 SAMPLES = 72
 """Samples along a template."""
-CONTACTS = (0.12, 0.3, 0.5, 0.7, 0.85, 1.0, 1.8)
-"""Where the bending force acts, as fractions of the length; beyond one the bend is nearly an arc."""
-_LARGEST_TURN_RAD = 1.75
-"""Most that the antenna's direction changes from clamp to tip."""
+LEAST_AXIS = 4
+"""Fewest points of the free antenna that the lens must show."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +83,7 @@ class AntennaFinder:
         apart_px = 2.0 * self.spacing_px + self.corridor.width_px
         return [
             self.paths_px[one]
-            for one in core.search.clearest_paths(score, self.paths_px, apart_px, 2, _OTHER_PATH_SHARE)
+            for one in core.search.clearest_paths(score, self.paths_px, apart_px, 2, SearchSettings.other_path)
         ]
 
     def find(self, image: np.ndarray, bright: bool | None = True, picture: np.ndarray | None = None) -> Centreline:
@@ -112,7 +102,7 @@ class AntennaFinder:
         line = self._look(image, bright, 0.0)
         if line.found or line.verdict == "ambiguous":
             return line
-        blurred = self._look(image, bright, BLURRED_PX)
+        blurred = self._look(image, bright, SearchSettings.blurred_px)
         return blurred if blurred.found and blurred.seen > line.seen else line
 
     def path(self, image: np.ndarray, rough: np.ndarray, bright: bool = True, blurred_px: float = 0.0) -> np.ndarray:
@@ -128,7 +118,7 @@ class AntennaFinder:
     def _in_focus(self) -> tuple[int, object]:
         """Half length, px, of a profile across the antenna in focus, and its cross-section."""
         half = int(np.ceil(0.8 * self.corridor.width_px + 5.0))
-        return half, core.profile.expected(self.corridor.width_px, ORDINARY_BLUR_PX, half + 2)
+        return half, core.profile.expected(self.corridor.width_px, ProfileSettings.blur_px, half + 2)
 
     def along(
         self,
@@ -154,7 +144,7 @@ class AntennaFinder:
         odds per correlation length, the likeliest first; without those that hardly differ from an earlier one."""
         where, settings = self.corridor, self.settings
         calibrated = where.shape_px is not None
-        axis, _ = sampled_axis(where)
+        axis, _ = _sampled_axis(where)
         found = core.search.likely_shapes(
             np.ascontiguousarray(picture),
             axis,
@@ -162,7 +152,7 @@ class AntennaFinder:
             self.spacing_px,
             where.width_px,
             np.array(settings.contacts if calibrated else settings.few_contacts),
-            (settings.clamp_px if calibrated else where.clamp_px, where.clamp_rad),
+            (settings.calibrated_clamp_px if calibrated else where.clamp_px, where.clamp_rad),
             self.looks,
             settings,
             settings.shapes,
@@ -179,7 +169,7 @@ class AntennaFinder:
     def _likely(self, image: np.ndarray, picture: np.ndarray) -> Centreline:
         """The line along one of the likely shapes, even if it is brighter than its background here and darker there."""
         lines = [self._along_shape(image, picture, path, odds) for path, odds in self.shapes(picture)]
-        line = best_of(lines, self.corridor.width_px, CHANGING_OTHER)
+        line = best_of(lines, self.corridor.width_px, AcceptanceSettings.other_changing)
         return less_sure(reject_faint(line, self.usual_height), self.corridor)
 
     def _along_shape(
@@ -205,7 +195,8 @@ class AntennaFinder:
         line = judged(path_px)
         if where.shape_px is None or too_short(line.points_px):
             return line
-        if in_colour and line.found and where.misfit(line.points_px, line.sigma_px, USUAL_MISFIT) <= USUAL_MISFIT:
+        usual = AcceptanceSettings.usual_misfit
+        if in_colour and line.found and where.misfit(line.points_px, line.sigma_px, usual) <= usual:
             return line
         nearest = where.nearest(line.points_px, line.sigma_px)
         return line if too_short(nearest) else better_shaped(line, judged(nearest), where)
@@ -216,7 +207,38 @@ class AntennaFinder:
             path = self.path(image, rough, bright, blurred_px)
             line = measure_on(image, path, width, bright, blurred_px, self.corridor.taper)
             lines.append(of_antennas_shape(line, self.corridor, False))
-        return reject_faint(best_of(lines, width, OTHER_LINE_SEEN), self.usual_height)
+        return reject_faint(best_of(lines, width, AcceptanceSettings.other_line), self.usual_height)
+
+
+def finder(where: Corridor, camera: Camera, alike: AntennaFinder | None = None) -> AntennaFinder | None:
+    """The antenna's detector in a corridor of this camera's pictures; None where too little of it is in view.
+
+    alike : the finder of a similar corridor, to take its paths.
+    """
+    if not _shows(where):
+        return None
+    return AntennaFinder.prepare(where, camera.image_size) if alike is None else replace(alike, corridor=where)
+
+
+def _shows(where: Corridor) -> bool:
+    return len(where.axis_px) >= LEAST_AXIS and bool(arc_lengths(where.axis_px)[-1] >= SearchSettings.least_length_px)
+
+
+def same_paths_m_s2(where: Corridor, parameters: np.ndarray, length_m: float, taper: Taper = UNIFORM) -> float:
+    """Resolution of gravity within which the same search paths are used: it moves the free antenna's tip by half the
+    distance between two paths. Tabulating these takes ten times as long as everything else."""
+    if not _shows(where):
+        return 0.0
+    _, spacing_px = _sampled_axis(where)
+    pulls = np.array([[0.0, 0.0, 0.0], [0.0, 10.0, 0.0]])
+    tips = [free_curve(parameters, length_m, pull, taper).points_m[0, -1] for pull in pulls]
+    sag_px = float(np.linalg.norm(tips[1] - tips[0])) / length_m * arc_lengths(where.axis_px)[-1]
+    return 10.0 * float(min(0.5 * spacing_px / max(sag_px, 1e-9), 1.0))
+
+
+def coloured(image: np.ndarray) -> bool:
+    """Whether a picture (H, W[, 3]) has colours: a grey camera's may have three channels, too."""
+    return image.ndim == 3 and bool(np.ptp(image[::8, ::8, :3], axis=2).any())
 
 
 def _finite(image: np.ndarray) -> np.ndarray:
@@ -226,7 +248,7 @@ def _finite(image: np.ndarray) -> np.ndarray:
     return np.nan_to_num(image.astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0)
 
 
-def sampled_axis(corridor: Corridor) -> tuple[np.ndarray, float]:
+def _sampled_axis(corridor: Corridor) -> tuple[np.ndarray, float]:
     """A corridor's axis (S, 2) in equal steps, and the distance of neighbouring paths' tips, px."""
     axis, _ = resample(corridor.axis_px, max(arc_lengths(corridor.axis_px)[-1] / SAMPLES, 1e-3))
     return axis, max(0.9 * float(arc_lengths(axis)[-1]) / (len(axis) - 1), 3.0)
@@ -234,18 +256,18 @@ def sampled_axis(corridor: Corridor) -> tuple[np.ndarray, float]:
 
 def _templates(corridor: Corridor) -> tuple[np.ndarray, float]:
     """Paths (P, S, 2) that fill a corridor so densely that the antenna is within the spacing, px, of one."""
-    axis, spacing = sampled_axis(corridor)
+    axis, spacing = _sampled_axis(corridor)
     length = arc_lengths(axis)[-1]
     step = length / (len(axis) - 1)
     tangent = np.gradient(axis, axis=0)
     heading = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
     share = np.linspace(0.0, 1.0, len(axis))
     bent = []
-    for contact in CONTACTS:
+    for contact in SearchSettings.bent_at:
         reach = share / contact
         shape = np.where(reach < 1.0, reach * (2.0 - reach), 1.0)
         shape /= shape[-1]
-        turn = np.arange(0.0, _LARGEST_TURN_RAD, spacing / (length * shape.mean()))
+        turn = np.arange(0.0, SearchSettings.largest_turn_rad, spacing / (length * shape.mean()))
         turns = np.concatenate([-turn[:0:-1], turn])
         angle = heading + turns[:, None] * shape
         paths = np.zeros((len(turns), len(axis), 2))

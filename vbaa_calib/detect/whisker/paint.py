@@ -14,23 +14,15 @@ from vbaa_calib.core.polyline import arc_lengths
 from vbaa_calib.core.robust import MAD_SCALE
 from vbaa_calib.native import core
 
-from .acceptance import LEAST_SEEN
 from .centreline import Centreline, Visibility
-from .contrast import channels, coloured, grey
-from .finder import AntennaFinder
+from .finder import AntennaFinder, coloured
 from .profile import measure_on
-from .settings import SearchSettings
+from .settings import AcceptanceSettings, LookSettings, ProfileSettings
 
 PLACES = 8
 """Places along the antenna at which its colour is learnt."""
-PARTLY_FOREIGN, LEAST_SPREAD = 1.0, (0.08, 3.0)
-"""Deviations beyond which a point may show something else in part. The least deviation, relative to the brightness and
-in grey levels, since the light changes as the antenna bends."""
 VISIBLE = ("ok", "ambiguous")
 """Verdicts of lines that are seen."""
-HIDDEN_PART, AWAY = 0.15, 0.25
-"""Part of its width by which a line may lie off where it shows something else in part; and part of its length for which
-one of changing polarity lies on another thing and does not come back."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +45,7 @@ class Paint:
 
     def plane(self, image: np.ndarray) -> np.ndarray:
         """(H, W) plane of a grey (H, W) or colour (H, W, 3 or 4) picture: blue, green, red, any depth."""
-        return grey(image)
+        return _grey(image)
 
     def find(self, finder: AntennaFinder, image: np.ndarray, plane: np.ndarray | None = None) -> Centreline:
         """The centreline in a grey or colour picture; `plane` : its plane of paint, if known. An antenna that is
@@ -64,7 +56,7 @@ class Paint:
         if not line.found or not self.both_edges or calibrated:
             return line
         between = measure_on(plane, line.guide_px, finder.corridor.width_px, None, taper=finder.corridor.taper)
-        return between if between.found and between.seen > line.seen - SearchSettings.less_seen else line
+        return between if between.found and between.seen > line.seen - ProfileSettings.less_seen else line
 
 
 Looks = tuple[tuple[float, float, float, float], ...]
@@ -74,7 +66,7 @@ Looks = tuple[tuple[float, float, float, float], ...]
 def look_of(image: np.ndarray, line: Centreline) -> np.ndarray:
     """(PLACES, 3) mean colours of a detected antenna along its guide, in a picture (H, W[, 3]); NaN where unseen."""
     place = np.minimum((_shares(line.guide_px, _seen(line)) * PLACES).astype(int), PLACES - 1)
-    colours = core.search.colours_at(*channels(image), line.points_px)
+    colours = core.search.colours_at(*_channels(image), line.points_px)
     means = np.full((PLACES, 3), np.nan)
     for own in np.unique(place):
         means[own] = colours[place == own].mean(axis=0)
@@ -89,7 +81,7 @@ def usual_looks(several: Sequence[np.ndarray]) -> Looks | None:
         return None
     usual = np.nanmedian(looks, axis=0)
     apart = np.linalg.norm(looks - usual, axis=2)
-    least = np.hypot(LEAST_SPREAD[0] * np.linalg.norm(usual, axis=1), LEAST_SPREAD[1])
+    least = np.hypot(LookSettings.least_spread * np.linalg.norm(usual, axis=1), LookSettings.least_spread_levels)
     spread = np.hypot(MAD_SCALE * np.nanmedian(apart, axis=0), least)
     return cast(Looks, tuple(map(tuple, np.column_stack([usual, spread]).tolist())))
 
@@ -112,14 +104,14 @@ def without_other_things(
     if image.ndim == 2 and has_hue:
         return line  # a grey picture does not show the colour
     shares = _shares(line.guide_px, _seen(line))
-    other, off, hue, tinted = core.search.foreign(*channels(image), line.points_px, shares, table)
-    if not other.any() and off.max(initial=0.0) <= PARTLY_FOREIGN:
+    other, off, hue, tinted = core.search.foreign(*_channels(image), line.points_px, shares, table)
+    if not other.any() and off.max(initial=0.0) <= LookSettings.partly_foreign:
         return line
-    changing, sure = paint.bright is None, line.sigma_px <= SearchSettings.shaded_unsure * width_px
+    changing, sure = paint.bright is None, line.sigma_px <= LookSettings.shaded_unsure * width_px
     hued = (paint.both_edges or changing) and coloured(image)
     shaded, away = other & sure & ~tinted & hued, len(other)
     for start, stop in np.flatnonzero(np.diff(other, prepend=False, append=False)).reshape(-1, 2):
-        if changing and shares[stop - 1] - shares[start] > AWAY and shaded[start:stop].mean() < 0.4:
+        if changing and shares[stop - 1] - shares[start] > LookSettings.away and shaded[start:stop].mean() < 0.4:
             away = start
             break
     if not other[:away].all():
@@ -128,13 +120,15 @@ def without_other_things(
         if line.end != "tip" and len(last) and (paint.both_edges or shaded[last[0]]):
             other[max(last[0] + 1 - core.search.RUN * shaded[last[0]], 0) :] = True
     other[away:] = True
-    hidden = 0.0 if paint.polarity is None else HIDDEN_PART * width_px
-    doubt = hidden * np.clip((off - PARTLY_FOREIGN) / (core.search.FOREIGN - PARTLY_FOREIGN), 0.0, 1.0)
-    if line.odds >= SearchSettings.likely_odds:
+    hidden = 0.0 if paint.polarity is None else LookSettings.hidden_part * width_px
+    doubt = hidden * np.clip(
+        (off - LookSettings.partly_foreign) / (core.search.FOREIGN - LookSettings.partly_foreign), 0.0, 1.0
+    )
+    if line.odds >= AcceptanceSettings.likely_odds:
         # what it shows there may be something else next to it or before a part of it, but it is there
-        return line.doubted(np.where(other, SearchSettings.strange_doubt * width_px, doubt))
+        return line.doubted(np.where(other, LookSettings.strange_doubt * width_px, doubt))
     shorter = line.only(~other).doubted(doubt[~other])
-    if shorter.seen < LEAST_SEEN:
+    if shorter.seen < AcceptanceSettings.least_seen:
         share_seen = f"{100 * shorter.seen:.0f} % of its length"
         return shorter.with_verdict("too_little", f"most of the line has not the antenna's look ({share_seen} has)")
     return shorter
@@ -144,7 +138,7 @@ def without_other_things(
 def _table(looks: Looks) -> tuple[np.ndarray, bool]:
     """The mean colours and their deviations as an array (PLACES, 4), and whether any of them is chromatic."""
     table = np.array(looks)
-    return table, bool(np.ptp(table[:, :3], axis=1).max() > LEAST_SPREAD[1])
+    return table, bool(np.ptp(table[:, :3], axis=1).max() > LookSettings.least_spread_levels)
 
 
 def _shares(guide: np.ndarray, seen: np.ndarray) -> np.ndarray:
@@ -156,3 +150,17 @@ def _shares(guide: np.ndarray, seen: np.ndarray) -> np.ndarray:
 def _seen(line: Centreline) -> np.ndarray:
     """(K,) mask of the places of its guide at which a line has points."""
     return line.visibility == Visibility.SEEN
+
+
+def _grey(image: np.ndarray) -> np.ndarray:
+    """(H, W) grey levels of a grey (H, W) or colour (H, W, 3 or 4) picture: blue, green, red, any depth."""
+    if image.ndim == 2:
+        return image
+    import cv2  # slow to load
+
+    return cv2.cvtColor(np.ascontiguousarray(image[..., :3]), cv2.COLOR_BGR2GRAY)
+
+
+def _channels(image: np.ndarray) -> tuple[np.ndarray, float]:
+    """A picture (H, W[, 3]) as (H, W, 1 or more), and the number of its grey levels that make one of 8 bits."""
+    return image if image.ndim == 3 else image[..., None], 257.0 if image.dtype == np.uint16 else 1.0

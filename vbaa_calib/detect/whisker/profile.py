@@ -12,13 +12,18 @@ from functools import lru_cache
 
 import numpy as np
 
+from vbaa_calib.core.robust import MAD_SCALE
 from vbaa_calib.native import core
 
 from .acceptance import Evidence, accepted
-from .centreline import NOTHING, Centreline
-from .crossings import too_short
-from .locking import row_errors
-from .settings import RibbonSettings
+from .centreline import NOTHING, Centreline, too_short
+from .settings import ProfileSettings, RibbonSettings
+
+LINE_MODES = 3  # offset, slope and curvature: the first Legendre polynomials of the place along a line
+_QUIET = 0.4
+"""Quantile of the profiles' residuals that the core takes for the picture's noise."""
+_POLARITY = {True: 1, False: -1, None: 0}
+_shapes = lru_cache(maxsize=32)(core.profile.shapes)
 
 
 def refine_path(image: np.ndarray, path_px: np.ndarray, width_px: float, reach_px: float, bright: bool) -> np.ndarray:
@@ -28,18 +33,6 @@ def refine_path(image: np.ndarray, path_px: np.ndarray, width_px: float, reach_p
     """
     found: np.ndarray = core.search.refine_path(image, path_px, width_px, reach_px, 1.0 if bright else -1.0)
     return found
-
-
-_QUIET = 0.4
-"""Quantile of the profiles' residuals that the core takes for the picture's noise."""
-ORDINARY_BLUR_PX = 0.8
-"""Blur of a lens in focus, standard deviation."""
-_MARGIN_PX = 3.0
-"""Length of a profile beyond an antenna whose polarity changes: what lies farther is another thing's."""
-_BROADER = 1.5
-"""A line so much broader than expected is measured again with longer profiles."""
-_POLARITY = {True: 1, False: -1, None: 0}
-_shapes = lru_cache(maxsize=32)(core.profile.shapes)
 
 
 def measure(
@@ -77,9 +70,9 @@ def measure_on(
     half = int(np.ceil(0.8 * (width_px + blurred_px) + 5.0))
     path_px = np.ascontiguousarray(path_px, np.float64)
     if bright is None:
-        path_px, half = core.profile.stiffened(path_px), int(np.ceil(0.5 * width_px + _MARGIN_PX))
+        path_px, half = core.profile.stiffened(path_px), int(np.ceil(0.5 * width_px + ProfileSettings.margin_px))
     line = _measured(image, path_px, width_px, half, bright, taper)
-    if line.breadth > _BROADER:
+    if line.breadth > ProfileSettings.broader:
         half = int(np.ceil(half + 0.7 * line.breadth * width_px + 2.0))
         wider = _measured(image, path_px, width_px, half, bright, taper)
         return wider if len(wider.points_px) >= len(line.points_px) else line
@@ -91,12 +84,12 @@ def _measured(
 ) -> Centreline:
     width_px = round(float(width_px), 2)
     how = (width_px, half, _POLARITY[bright], taper, _quiet_part(2 * half - 3))
-    shapes = _shapes(width_px, ORDINARY_BLUR_PX, half + 2)
+    shapes = _shapes(width_px, ProfileSettings.blur_px, half + 2)
     found = core.profile.measured(np.ascontiguousarray(image), path_px, *how, shapes)
     if found is None:
         return NOTHING
     line = Centreline(**found[0])
-    more, evened = row_errors(image, line.points_px, line.sigma_px, line.noise, half)
+    more, evened = _row_errors(image, line.points_px, line.sigma_px, line.noise, half)
     if evened is not None and (again := core.profile.measured(evened, path_px, *how, shapes)) is not None:
         found, line = again, Centreline(**again[0])
         more = np.full(len(line.points_px), np.median(more))
@@ -116,7 +109,7 @@ def measure_in_colour(
     if found is None:
         return NOTHING
     line = Centreline(**found[0])
-    more, _ = row_errors(picture, line.points_px, line.sigma_px, line.noise, half)
+    more, _ = _row_errors(picture, line.points_px, line.sigma_px, line.noise, half)
     return accepted(replace(line, row_px=more), Evidence(**found[1]))
 
 
@@ -133,3 +126,95 @@ def _quiet_part(freedom: int) -> float:
         first = math.exp(half * math.log(at) - at - math.lgamma(half + 1.0))
         at -= (first * (1.0 + float(terms.sum())) - _QUIET) / (first * half / at)
     return math.sqrt(at / half)
+
+
+def locking_std(points_px: np.ndarray) -> np.ndarray:
+    """(3,) standard deviations, in the modes of a line through ordered points (N, 2) px, of errors of 1 px rms that
+    are periodic in the line's position on the pixel grid.
+
+    A line that crosses n rows averages them to about 1/πn; one along a row keeps them. Their phase is unknown.
+    """
+    count = len(points_px)
+    if count < LINE_MODES:
+        return np.zeros(LINE_MODES)
+    along = np.gradient(points_px, axis=0)
+    across = np.abs(along[:, ::-1]) / np.maximum(np.linalg.norm(along, axis=1), 1e-12)[:, None]
+    waves = np.exp(2j * np.pi * points_px) * across
+    modes = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, count), LINE_MODES - 1)
+    parts = (2.0 * np.arange(LINE_MODES) + 1.0)[:, None] / count * (modes.T @ waves)
+    return np.asarray(np.linalg.norm(parts, axis=1))
+
+
+def _row_noise(image: np.ndarray) -> float:
+    """Standard deviation of the noise that all pixels of a row share in a picture (H, W[, C]), grey levels.
+
+    From second differences of neighbouring rows, averaged in blocks along them: only what the blocks share makes the
+    products of different ones positive. The median over rows leaves out the few in which an edge runs along them.
+    """
+    import cv2  # slow to load
+
+    blocks = ProfileSettings.row_blocks
+    means = cv2.resize(image.astype(np.float32), (blocks, len(image)), interpolation=cv2.INTER_AREA)
+    each = means.reshape(len(image), blocks, -1).mean(axis=2).T
+    bend = each[:, 1:-1] - 0.5 * (each[:, :-2] + each[:, 2:])
+    shared = (bend.sum(axis=0) ** 2 - (bend**2).sum(axis=0)) / (blocks * (blocks - 1))
+    return float(MAD_SCALE * np.sqrt(max(core.search.median(shared), 0.0) / 1.5))
+
+
+def _evened(image: np.ndarray, points_px: np.ndarray, reach_px: int) -> tuple[np.ndarray, float]:
+    """A picture (H, W) without what the pixels of each row near a line's points (N, 2) px share, apart from a parabola
+    across the rows; and the standard deviation of what is left of that, infinite where too little shows it. Pixels up
+    to `reach_px` from the line do not, nor those behind its first point."""
+    first = max(int(points_px[:, 1].min()) - 2 * reach_px, 0)
+    rows = np.arange(first, min(int(points_px[:, 1].max()) + 2 * reach_px + 2, len(image)))
+    columns, along = np.arange(image.shape[1]), np.argsort(points_px[:, 0])
+    near = np.abs(rows[:, None] - np.interp(columns, *points_px[along].T)) <= reach_px
+    onwards = np.sign(points_px[-1, 0] - points_px[0, 0])
+    near[:, onwards * (columns - points_px[-1, 0]) > reach_px] = False
+    values = np.where(near, np.nan, image[rows[0] : rows[-1] + 1].astype(np.float32))
+    values -= np.nanmean(np.where(near.all(axis=0), 0.0, values), axis=0)
+    enough = (~near).sum(axis=1) >= ProfileSettings.row_pixels
+    if enough.sum() < ProfileSettings.row_run:
+        return image, np.inf
+    shared = np.where(enough, np.nanmedian(np.where(enough[:, None], values, 0.0), axis=1), 0.0)
+    shared -= enough * np.polynomial.Polynomial.fit(rows[enough], shared[enough], 2)(rows)
+    noise = MAD_SCALE * float(np.nanmedian(np.abs(values - shared[:, None])[enough]))
+    evened = image.astype(np.float32)
+    evened[rows] -= shared[:, None]
+    # a median is by a quarter less sure than a mean
+    return evened, 1.25 * noise / float(np.sqrt(np.median((~near).sum(axis=1)[enough])))
+
+
+def _row_errors(
+    image: np.ndarray, points_px: np.ndarray, sigma_px: np.ndarray, noise: float, reach_px: int
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """(N,) deviations that noise of whole rows and columns of a picture adds to those of a line's points (N, 2) px in
+    its order, where these count as independent; sigma_px : (N,) of each by a pixel's own `noise`, grey levels. And the
+    picture without most of that noise, where it is grey and that pays: the deviations are those that it has then.
+
+    All points on a row share its error, so that a line along rows keeps it, and one across them has none. reach_px :
+    how far from the line pixels are its own.
+    """
+    found, step = np.zeros(len(points_px)), ProfileSettings.row_run
+    evened: np.ndarray | None = None
+    if len(points_px) <= step:
+        return found, None
+    along = points_px[step:] - points_px[:-step]
+    for axis, rows in ((1, image), (0, np.swapaxes(image, 0, 1))):
+        if np.abs(along[:, axis]).min() > 1.0:
+            continue  # it crosses the rows
+        places = np.sort(points_px[:, axis])
+        alike = np.searchsorted(places, points_px[:, axis] + 0.5) - np.searchsorted(places, points_px[:, axis] - 0.5)
+        if alike.max() < step:
+            continue
+        across = np.abs(along[:, 1 - axis]).mean() / np.linalg.norm(along, axis=1).mean()
+        band = ProfileSettings.row_band
+        shared = _row_noise(rows[max(int(places[0]) - band, 0) : int(places[-1]) + band + 1])
+        own = max(noise**2 - shared**2, 0.25 * noise**2) ** 0.5
+        more = sigma_px * across * shared / max(own, 1e-9) * np.sqrt(alike)
+        if image.ndim == 2 and core.search.median(more) > core.search.median(sigma_px):
+            better, left = _evened(rows, points_px if axis else points_px[:, ::-1], reach_px)
+            if left < shared:
+                more, evened = more * left / shared, better if axis else np.ascontiguousarray(better.T)
+        found = np.hypot(found, more)
+    return found, evened

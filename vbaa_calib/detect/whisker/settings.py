@@ -1,4 +1,4 @@
-"""Settings of the search for shapes along which a picture has two edges, and of the measurement there."""
+"""Settings of the detector, one class a stage: search, profiles, ribbon, acceptance, looks, background."""
 
 from __future__ import annotations
 
@@ -7,40 +7,58 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """Priors of an antenna's edges and shapes, and the number of shapes compared.
+    """Where the antenna may be, priors of its edges and shapes, and the number of shapes compared.
 
     Chosen on five path-traced sessions (steel and nylon on a cluttered bench, steel and paint on a patchwork, steel on
     a plain one) unless a line says otherwise.
     """
 
+    # the corridor
+    clamp_px: float = 8.0  # distance of the clamp from the free antenna's on a rig that is not calibrated
+    clamp_rad: float = 0.12  # three standard deviations of its direction there
+    reach: float = 0.9  # lateral distance of the antenna over that from the clamp: 42°
+    least_length_px: float = 10.0  # of the free antenna in the picture: end on, there is no line
     perspective: float = 0.5  # change of the width from clamp to tip over its mean by the camera's nearness alone, from
     # which it is known beforehand: profiles show less
-    row_blocks: int = 16  # in which pixels of a row are averaged to see what they share: many, and each of many pixels
-    row_run: int = (
-        12  # points of a line on one row, from which noise of rows matters: as long as other errors are shared
-    )
-    row_band: int = 64  # rows on either side of a line, in which what the pixels of a row share is measured
-    row_pixels: int = 30  # next to a line, from which what a row's pixels share is taken off it
-    surface_spread: float = 50.0  # grey levels: deviation of the luma of different surfaces
+
+    # an antenna of one polarity: tabled paths
+    bent_at: tuple[float, ...] = (0.12, 0.3, 0.5, 0.7, 0.85, 1.0, 1.8)  # parts of the length at which a force bends
+    # them; beyond one the bend is nearly an arc
+    largest_turn_rad: float = 1.75  # of the antenna's direction from clamp to tip
+    blurred_px: float = 8.0  # blur with which it is searched again where it is not found in focus
+    other_path: float = 0.75  # score of a second path over the best one's, from which it is measured, too
+
+    # edges of either polarity
+    surface_spread: float = 50.0  # grey levels: standard deviation of the luma of different surfaces
     colour_spread: float = 15.0  # grey levels: the same of differences of colour
     edge_rate: float = 0.1  # share of a background's places at which there is an edge: limits what one edge says
     hidden_odds: float = -1.5  # least log odds of a place: the antenna may be hidden there
     hidden_root_odds: float = -3.0  # the same in its first fifth, where hardly anything hides an antenna
     look_odds: float = 2.0  # most log odds that the colour between the edges counts
     correlation_px: float = 6.0  # length along which log odds count once
-    strain_std: float = 0.01  # deviation of the strain of the antenna's surface where it is bent the most: steel yields
-    clamp_px: float = 1.5  # by how much a calibrated antenna may be moved at its clamp
+    strain_std: float = 0.01  # standard deviation of the largest strain at the antenna's surface: steel yields
+    calibrated_clamp_px: float = 1.5  # by how much a calibrated antenna may be moved at its clamp
     shapes: int = 4  # rough paths that are refined
     measured: int = 3  # shapes that are measured, whose log odds are at least
     measured_share: float = 0.4  # this share of the best one's
-    likely_odds: float = 2.0  # mean log odds from which a shape is an antenna's though little of it is measured: in
-    # 420 pictures without an antenna 1.9 at most, with one 2.3 to 6 (nylon before clutter 1.3)
-    strange_doubt: float = 0.3  # widths: deviation that points of another colour share along a shape that is likely
     contacts: tuple[float, ...] = (0.08, 0.12, 0.18, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95, 1.1, 1.8)
     # parts of the length at which a force may act; beyond one the bend is nearly an arc
     few_contacts: tuple[float, ...] = (0.15, 0.3, 0.5, 0.7, 0.85, 1.1, 1.8)  # the same, on a rig that is not calibrated
+
+
+@dataclass(frozen=True)
+class ProfileSettings:
+    """The line fitted to profiles of grey levels. Chosen on drawn pictures and on ten path-traced sessions."""
+
+    blur_px: float = 0.8  # standard deviation of a lens in focus
+    margin_px: float = 3.0  # of a profile beyond an antenna of changing polarity: what lies farther is another thing's
+    broader: float = 1.5  # breadth from which a line is measured again with longer profiles
     less_seen: float = 0.05  # part of a line less that may be seen of it where it is measured by both of its edges
-    shaded_unsure: float = 0.3  # widths to which a line in a shadow must be known: or it may be the edge of that
+    # noise of whole rows, or columns, of pixels
+    row_blocks: int = 16  # in which pixels of a row are averaged to see what they share: many, and each of many pixels
+    row_run: int = 12  # points of a line on one row, from which it matters: as long as other errors are shared
+    row_band: int = 64  # rows on either side of a line, in which what the pixels of a row share is measured
+    row_pixels: int = 30  # next to a line, from which what a row's pixels share is taken off it
 
 
 @dataclass(frozen=True)
@@ -54,15 +72,114 @@ class RibbonSettings:
     flank_widths: float = 0.5  # profiles reach so many widths
     flank_px: float = 3.5  # and so many pixels to either side
     blur_px: float = 0.8  # standard deviation of a lens in focus
-    width_std: float = 0.015  # prior deviation of the width, as a part of it
+    width_std: float = 0.015  # prior standard deviation of the width, as a part of it
     blur_std: float = 0.1  # the same of the blur
     taper_std: float = 0.05  # part of its width by which it may be broader at one end
-    sides: float = 0.8  # deviation of light from one side, over the antenna's contrast
+    sides: float = 0.8  # standard deviation of light from one side, over the antenna's contrast
     middles: float = 0.8  # the same of what is brighter or darker in the middle
-    bend_px: float = 0.04  # deviation of the second difference over 20 px of how far the path is off
+    bend_px: float = 0.04  # standard deviation of the second difference over 20 px of how far the path is off
     knot_px: float = 30.0  # between which its look changes linearly
     alike: float = 0.4  # share of a profile's log odds that its neighbours do not have, too
-    hidden: float = -1.5  # log odds of being seen before a profile is looked at
+    hidden: float = -1.5  # prior log odds of a profile to show the antenna
     change_px: float = 80.0  # length after which it is hidden, or seen again
-    cut: float = 1.2  # deviations at which a pixel counts half
+    cut: float = 1.2  # standard deviations at which a pixel counts half
     passes: int = 8  # Gauss–Newton steps
+
+
+@dataclass(frozen=True)
+class AcceptanceSettings:
+    """Whether a measured line is the antenna, and why parts of it are not seen.
+
+    Chosen on 500 drawn pictures of several hardships each, half of them empty, and on path-traced sessions and their
+    empty benches, so that 7 in 10,000 empty pictures show an antenna.
+    """
+
+    # how much of the guide must be seen; of a line whose polarity may change, more
+    least_points: int = 12  # points: fewer are no line
+    least_seen: float = 0.3  # fraction of the guide
+    least_seen_changing: float = 0.5  # the same
+    least_seen_inside: float = 0.5  # fraction of what of the guide is in the picture, where the line is not clear
+    least_root: float = 0.35  # fraction of the guide's first third: the antenna starts at the clamp
+    least_whole: float = 0.65  # part that is seen without the longest gap, of a line whose polarity may change
+    least_contrast: float = 2.0  # height over the noise of a pixel
+    clear_contrast: float = 8.0  # the same of a line that is clear
+    faint: float = 0.4  # height over the usual one: a fainter line is another thing's
+    # its width over the expected one
+    narrow: float = 0.3  # least
+    broad: float = 1.8  # from here it may be out of focus, or a soft edge: more must be seen of it
+    broad_changing: float = 1.1  # the same of a line whose polarity may change
+    least_seen_broad: float = 0.85  # fraction of such a line
+    # its course and its background
+    wander_px: float = 0.25  # rms distance of the points from a curve as smooth as an antenna's: pixels, and,
+    wander_sigma: tuple[float, float] = (1.35, 2.7)  # added in square, standard deviations; of a changing line more of
+    # these: neighbours share their errors there
+    snaking_rad: float = 0.25  # turns to and fro beyond the turn from end to end: a cantilever bends one way
+    edge: float = 0.3  # step of a changing line's background over its height: the edge of a cable broader than this
+    transparency: float = 0.5  # slope of its brightness on its background's: it is only that background
+    # another line
+    other_line: float = 0.7  # how likely it is, over the first one, from which the picture is ambiguous
+    other_changing: float = 0.85  # the same of lines whose polarity may change
+    moved: float = (
+        0.1  # mean distance from where the antenna is expected, in lengths, up to which a line is the likelier
+    )
+    # its shape; misfits as of `Corridor.misfit`
+    likely_odds: float = 2.0  # mean log odds from which a shape is an antenna's though little of it is measured: in
+    # 420 pictures without an antenna 1.9 at most, with one 2.3 to 6 (nylon before clutter 1.3)
+    usual_misfit: float = 0.08  # most that lines have which lie on the antenna all along
+    unsure_misfit: float = 0.25  # most for a changing line that is not surely one
+    much_seen: float = 0.72  # fraction that must be seen, or surely seen, of a changing line for more
+    well_shaped: float = 0.05  # a misfit that is not made better
+    shape_rank: float = 0.3  # fraction less that may be seen of a line with one unit of misfit less
+    depth_rad: float = 3.0  # prior standard deviation of the bend towards the camera, which perspective alone shows
+    nearest_depth_rad: float = 0.05  # the same of the shape nearest to points, which shows how long the antenna is
+    stray_px: tuple[float, ...] = (4.0, 2.0, 2.0, 1.0, 1.0, 0.7, 0.7)  # distances from it at which one of these counts
+    # half, a round each
+    shape_doubt: float = 4.0  # standard deviation that points share, over shape_px, for the root of a misfit of one
+    from_clamp: float = 0.35  # part of the length over which its direction at the clamp is measured
+    bends_more: tuple[float, float] = (3.0, 0.15)  # error of that direction by a contact there, over the line's turn;
+    # of one whose polarity may change
+
+
+@dataclass(frozen=True)
+class StretchSettings:
+    """Why stretches of the antenna are not seen: words for whoever takes pictures; no measurement depends on them."""
+
+    run: int = 9  # neighbouring profiles that are averaged, so that a faint line shows
+    shortest: float = 0.02  # share of the length: shorter stretches are merged with their neighbours,
+    shortest_px: float = 8.0  # or shorter than so many pixels
+    clear: float = 4.5  # height of a visible line over its standard deviation
+    alike: float = 0.2  # share of the usual height within which it is as bright as its background,
+    nearly: float = 0.35  # or nearly so
+    disturbed: float = 1.8  # residual over noise that shows something else
+    broader_px: tuple[float, float] = (2.0, 4.0)  # blurs that are tried
+    much_broader: float = 0.8  # share of the residuals that they may leave
+
+
+@dataclass(frozen=True)
+class LookSettings:
+    """The antenna's colours as learnt from pictures, and what of a line has others."""
+
+    least_spread: float = 0.08  # standard deviation of a colour over its brightness: the light changes as it bends,
+    least_spread_levels: float = 3.0  # and in grey levels, added in square
+    partly_foreign: float = 1.0  # standard deviations from which a point may show something else in part
+    hidden_part: float = 0.15  # widths that a line of one polarity lies off there
+    away: float = 0.25  # part of the length for which a line of either polarity may lie on another thing
+    shaded_unsure: float = 0.3  # widths to which a line in a shadow must be known: or it may be the edge of that
+    strange_doubt: float = 0.3  # widths: error that points of another colour share along a shape that is likely
+
+
+@dataclass(frozen=True)
+class BackgroundSettings:
+    """Registration of the empty scene to a picture."""
+
+    fine_px: float = 1.2  # blur that takes the noise off,
+    coarse_px: int = 21  # and size of the mean that takes the light off: what is left is compared
+    most_pixels: int = 8_000  # that are compared,
+    detailed: float = 0.9  # of those with a slope above this quantile
+    most_shift_px: float = 6.0  # of the background
+    gain: tuple[float, float] = (0.4, 2.5)  # least and most of its brightness
+    least_correlation: float = 0.65  # of its detail with a picture's,
+    between_two: float = 0.5  # and of two noisy pictures'
+    least_pictures: int = 5  # to learn from,
+    least_uncovered: int = 3  # and of those that show a pixel
+    still: float = 1.0  # detail over scatter from which a background is used
