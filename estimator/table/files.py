@@ -19,6 +19,7 @@ from vbaa_calib.core.arrays import PLAUSIBLE, gate
 from vbaa_calib.core.csv_rows import MOST_WHOLE, csv_rows, number, whole_number
 from vbaa_calib.core.errors import InputError, quoted
 from vbaa_calib.core.files import most_memory, replacing, require_file
+from vbaa_calib.native import core
 
 from .contacts import (
     COLUMNS,
@@ -133,35 +134,24 @@ def _columns_of(table: ContactTable) -> dict[str, np.ndarray]:
     found = dict[str, np.ndarray]()
     for field, names in _NAMES.items():
         values = getattr(table, field)
-        values = values[:, *_UPPER] if values.ndim == 3 else values
+        values = values[:, _UPPER[0], _UPPER[1]] if values.ndim == 3 else values
         found |= {name: values if values.ndim == 1 else values[:, at] for at, name in enumerate(names)}
     found["reason"] = np.array([" ".join(words.split()) for words in table.reason.tolist()], object)
     return {name: found[name] for name in columns_of(False)}
 
 
 def _lines(table: ContactTable) -> str:
-    """The lines of contacts.csv of a table, as `row_line` writes them. Those in which the same numbers are missing,
-    mostly all, are written by one format."""
-    columns = _columns_of(table)
-    numbers = np.column_stack([each for each in columns.values() if each.dtype == float])
-    missing = ~np.isfinite(numbers)
-    kinds = list(dict.fromkeys(map(bytes, missing)))
-    lines = [""] * len(table)
-    for kind in kinds:
-        rows = np.flatnonzero([bytes(each) == kind for each in missing]) if len(kinds) > 1 else np.arange(len(table))
-        absent, form, cells = iter(kind), list[str](), list[list[Any]]()
-        for own, values in zip(_FORMATS, columns.values(), strict=False):
-            is_number = values.dtype == float
-            if is_number and next(absent):
-                form.append("")
-                continue
-            texts = values[rows].tolist()
-            form.append(own if is_number else "%s")
-            cells.append(texts if is_number else [_quoted(_text(each)) for each in texts])
-        line = ",".join(form) + "\n"
-        for row, one in zip(rows.tolist(), zip(*cells, strict=True), strict=True):
-            lines[row] = line % one
-    return "".join(lines)
+    """The lines of contacts.csv of a table, as `row_line` writes them."""
+    numbers, digits, texts = list[np.ndarray](), list[int](), list[list[str]]()
+    nothing = np.full(len(table), np.nan)
+    for name, values in _columns_of(table).items():
+        is_text = values.dtype.kind not in "fi"
+        words = np.where(values, "true", "false") if values.dtype == bool else values
+        texts += [words.tolist()] if is_text else []
+        digits.append(0 if is_text else _DIGITS[name] if values.dtype == float else 17)
+        numbers.append(nothing if is_text else values)
+    found: str = core.table.lines(np.column_stack(numbers), np.array(digits, np.intc), texts)
+    return found
 
 
 def _parquet_writer(path: Path, schema: pyarrow.Schema) -> ParquetWriter:

@@ -75,6 +75,25 @@ def test_what_is_written_comes_back(suffix: str, rows: list[ContactRow], tmp_pat
         write_contacts(path, rows)
 
 
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_columns_are_written_as_their_rows_are(suffix: str, rows: list[ContactRow], tmp_path: Path) -> None:
+    """Numbers of any size and digits, with some missing, and words with commas, quotes and ends of lines."""
+    rng, more = np.random.default_rng(2), list[ContactRow]()
+    for row in rows * 20:
+        sizes = rng.normal(size=3) * 10.0 ** rng.integers(-30, 30, 3)
+        clock_s, number = 1.7e9 + float(rng.random()), int(rng.integers(2**53))
+        more.append(replace(row, frame=number, time_s=clock_s, force_world_N=sizes, reason=f'{row.reason}\r\n,"ä"'))
+    more[1:3] = [replace(more[1], evidence=np.inf), replace(more[2], evidence=-0.0)]
+    one, several = (tmp_path / f"{name}{suffix}" for name in ("one", "several"))
+    write_contacts(one, more)
+    write_contacts(several, [ContactTable.from_rows(part) for part in (more[:7], more[7:8], more[8:])])
+    if suffix == ".csv":
+        assert several.read_bytes() == one.read_bytes()
+    else:
+        assert read_table(several).schema == read_table(one).schema
+        assert repr(read_table(several).to_pylist()) == repr(read_table(one).to_pylist())  # NaN is itself here
+
+
 def test_columns_of_the_contract_come_first_and_unknown_numbers_are_empty(written: Path) -> None:
     header, *body = cells(written)
     assert header[: len(CONTRACT)] == CONTRACT == list(column_names(REQUIRED))

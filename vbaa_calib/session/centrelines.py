@@ -49,6 +49,7 @@ class _CentrelineSettings:
 
     block: int = 1 << 20  # bytes that are read at once, and the longest line
     lot: int = 64  # frames that are read at once
+    kept: int = 1 << 25  # bytes of a file of which all points stay in memory, most
     least_likelihood: float = 0.6  # of a network's points: pcutoff of DeepLabCut
 
 
@@ -89,7 +90,7 @@ def centrelines_of(path: Path, which: str | None = None, cameras: Sequence[str] 
     found = None
     with suppress(OSError), path.open("rb") as stream:
         found = _indexed(stream)
-    if found is not None and len(found[2]):
+    if found is not None and len(found[2][0]):
         return Centrelines(path, None, *found)
     copy = tempfile.TemporaryFile()  # noqa: SIM115 - it is read for as long as the mapping lives
     _copy_plainly(path, copy)
@@ -158,7 +159,7 @@ def _as_ours(path: Path, points: np.ndarray, note: str) -> Centrelines:
     copy.writelines(f"{frame:.0f},{u!r},{v!r}\n".encode() for frame, u, v in points.tolist())
     copy.seek(0)
     found = _indexed(copy)
-    if found is None or not len(found[2]):
+    if found is None or not len(found[2][0]):
         copy.close()
         raise InputError("has no points, or some that cannot be", where=path, remedy="export it again, in pixels")
     return Centrelines(path, copy, *found, note)
@@ -166,11 +167,14 @@ def _as_ours(path: Path, points: np.ndarray, note: str) -> Centrelines:
 
 _Layout = tuple[int, tuple[int, ...]]
 """Number of cells in a row, and the columns of frame, u, v and, if they are there, sigma."""
+_Rows = tuple[np.ndarray, np.ndarray]
+"""Runs of rows of one frame (R, 3) int64: frame, first and last byte in the file or its plain copy. The cells (P, K) of
+these columns, if they were kept."""
 
 
 class Centrelines(Mapping[int, np.ndarray]):
     """Mapping from a frame to its points (N, 3): u_px, v_px, sigma_px (NaN where the column is missing), read from
-    the file on access.
+    the file on access, or kept if it is small.
 
     Takes 24 bytes for each run of consecutive rows of one frame. Looking up a frame raises InputError if the file has
     changed since it was checked. frames (F,) : their numbers, in order. note : on how another tracker's were read.
@@ -183,10 +187,12 @@ class Centrelines(Mapping[int, np.ndarray]):
         copy: BinaryIO | None,
         state: tuple[int, ...],
         layout: _Layout,
-        runs: np.ndarray,
+        rows: _Rows,
         note: str = "",
     ) -> None:
-        """runs : (R, 3) int64, frame, first and last byte of its rows in the file or its plain copy."""
+        runs, self._cells = rows
+        if (np.diff(self._cells[:, 0]) < 0).any():
+            self._cells = self._cells[np.argsort(self._cells[:, 0], kind="stable")]
         self._path, self._copy, self._state, self._layout, self.note = path, copy, state, layout, note
         self._runs = runs[np.argsort(runs[:, 0], kind="stable")]
         self.frames = np.unique(self._runs[:, 0])
@@ -253,16 +259,11 @@ class Centrelines(Mapping[int, np.ndarray]):
 
     def _points_of(self, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
         """The points (P, 3) of consecutive frames, where each frame's begin, and whether any may be there twice."""
-        first, last = np.searchsorted(self._runs[:, 0], [frames[0], frames[-1] + 1])
-        runs, table = self._runs[first:last], np.empty((0, 0))
-        gaps = np.flatnonzero(runs[1:, 1] != runs[:-1, 2]) + 1
+        table = np.empty((0, 0))
         with suppress(OSError), nullcontext(self._copy) if self._copy else self._path.open("rb") as stream:
-            rows = []
-            for begin, end in zip(runs[[0, *gaps], 1].tolist(), runs[[*(gaps - 1), -1], 2].tolist(), strict=True):
-                stream.seek(begin)
-                rows.append(stream.read(end - begin).rstrip(b"\n") + b"\n")
+            found = self._cells_of(frames, stream)
             if _state(stream) == self._state:
-                table = loaded(b"".join(rows), *self._layout)
+                table = found
         if len(table) == 0:
             remedy = "start again once nothing writes to it"
             raise InputError("has changed since it was checked", where=self._path, remedy=remedy)
@@ -276,47 +277,60 @@ class Centrelines(Mapping[int, np.ndarray]):
         along = table[np.lexsort((table[:, 1], table[:, 0])), :2]
         return points, begins, bool((along[1:] == along[:-1]).all(axis=1).any())
 
+    def _cells_of(self, frames: np.ndarray, stream: BinaryIO) -> np.ndarray:
+        """The rows (P, K) of consecutive frames, in their order."""
+        ends = [frames[0], frames[-1] + 1]
+        if len(self._cells):
+            return self._cells[slice(*np.searchsorted(self._cells[:, 0], ends))]
+        runs, rows = self._runs[slice(*np.searchsorted(self._runs[:, 0], ends))], list[bytes]()
+        gaps = np.flatnonzero(runs[1:, 1] != runs[:-1, 2]) + 1  # those next to each other are read together
+        for begin, end in zip(runs[[0, *gaps], 1].tolist(), runs[[*(gaps - 1), -1], 2].tolist(), strict=True):
+            stream.seek(begin)
+            rows.append(stream.read(end - begin).rstrip(b"\n") + b"\n")
+        return loaded(b"".join(rows), *self._layout)
+
 
 def _state(stream: BinaryIO) -> tuple[int, ...]:
     status = os.fstat(stream.fileno())
     return status.st_ino, status.st_size, status.st_mtime_ns
 
 
-def _indexed(stream: BinaryIO) -> tuple[tuple[int, ...], _Layout, np.ndarray] | None:
-    """State and layout of a plain file, and the runs (R, 3) of its rows; None for any other."""
+def _indexed(stream: BinaryIO) -> tuple[tuple[int, ...], _Layout, _Rows] | None:
+    """State, layout and rows of a plain file; None for any other."""
     state, line = _state(stream), stream.readline(CENTRELINES.block)
     try:
         header = [name.strip() for name in line.decode("utf-8-sig").split(",")]
         layout = len(header), tuple(places_of(header, _COLUMNS, (_DEVIATION,), Path()).values())
     except (UnicodeDecodeError, InputError):
         return None
-    runs, at = [np.empty((0, 3), np.int64)], len(line)
+    runs, at, cells = [np.empty((0, 3), np.int64)], len(line), [np.empty((0, len(layout[1])))]
     while at < state[1]:
         block, last = stream.read(min(CENTRELINES.block, state[1] - at - 1)), stream.readline(CENTRELINES.block)
         endless = len(last) == CENTRELINES.block and not last.endswith(b"\n")
         found = None if endless else _plain(block + last, layout)
         if found is None:
             return None
-        runs.append(found + np.array([0, at, at]))
+        runs.append(found[0] + np.array([0, at, at]))
+        cells += [found[1]] if state[1] <= CENTRELINES.kept else []
         at += len(block + last)
-    return state, layout, np.concatenate(runs)
+    return state, layout, (np.concatenate(runs), np.concatenate(cells))
 
 
-def _plain(block: bytes, layout: _Layout) -> np.ndarray | None:
-    """Runs (R, 3) of whole lines, in bytes of the block; None unless they are plain and correct."""
+def _plain(block: bytes, layout: _Layout) -> _Rows | None:
+    """Rows of whole lines, in bytes of the block; None unless they are plain and correct."""
     rows = plain_rows(block, *layout) if block else None
     if rows is None:
         return None
     cells, begins, ends = rows
     if not len(cells):
-        return np.empty((0, 3), np.int64)
+        return np.empty((0, 3), np.int64), cells
     frame, others = cells[:, 0], cells[:, 1:]
     sound = ((frame >= 0) & (frame < MOST_WHOLE) & (frame == np.floor(frame))).all()
     if not sound or (np.abs(others) > PLAUSIBLE.pixel_px).any() or not (others[:, 2:] > 0.0).all():
         return None
     first = np.concatenate([[0], np.flatnonzero(np.diff(frame)) + 1])
     last = np.concatenate([first[1:], [len(frame)]]) - 1
-    return np.stack([frame[first].astype(np.int64), begins[first], ends[last]], axis=1)
+    return np.stack([frame[first].astype(np.int64), begins[first], ends[last]], axis=1), cells
 
 
 def _copy_plainly(path: Path, copy: BinaryIO) -> None:

@@ -14,4 +14,5 @@ NB_MODULE(core, module) {
     vbaa::bind_search(module);
     vbaa::bind_surface(module);
     vbaa::bind_profile(module);
+    vbaa::bind_table(module);
 }

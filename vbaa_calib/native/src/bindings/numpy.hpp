@@ -172,5 +172,6 @@ void bind_solver(nb::module_& module);
 void bind_search(nb::module_& module);
 void bind_surface(nb::module_& module);
 void bind_profile(nb::module_& module);
+void bind_table(nb::module_& module);
 
 }  // namespace vbaa
