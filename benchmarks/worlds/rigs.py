@@ -160,14 +160,13 @@ class World:
         )
 
 
-def draw_world(seed: int, number: int, along_rows_rad: float | None = None) -> World:
-    """World `number`; the same seed gives the same. along_rows_rad : deviation of the antenna's direction from the
-    picture's rows, where it is to run along them."""
+def draw_world(seed: int, number: int) -> World:
+    """World `number`; the same seed gives the same."""
     rng = np.random.default_rng((seed, number))
     wire, nominal, tip_std = _wire(rng)
     optics = draw_optics(rng)
     inclination = rng.uniform(0.0, 70.0)
-    camera = _camera(rng, wire, optics, np.radians(inclination), along_rows_rad)
+    camera = _camera(rng, wire, optics, np.radians(inclination))
     board = _board(rng, optics, float(np.linalg.norm(camera.shift_m - [wire.length_m / 2, 0.0, 0.0])))
     most = max(5, int(_MOST_MEGAPIXELS * 1e6 / np.prod(optics.size)))
     count = min(int(np.exp(rng.uniform(np.log(5.0), np.log(40.99)))), most)
@@ -279,9 +278,7 @@ def draw_optics(rng: np.random.Generator, families: Sequence[str] = FAMILIES) ->
             return optics
 
 
-def _camera(
-    rng: np.random.Generator, wire: Wire, optics: Optics, inclination: float, along_rows_rad: float | None
-) -> Place:
+def _camera(rng: np.random.Generator, wire: Wire, optics: Optics, inclination: float) -> Place:
     """The camera in the antenna frame: the antenna, however it bends, fills the picture and is seen at 25° or more."""
     length = wire.length_m
     while True:
@@ -290,7 +287,6 @@ def _camera(
         towards = np.array([sin * np.cos(azimuth), sin * np.sin(azimuth), cos])
         if abs(towards[0]) < np.cos(np.radians(25.0)):
             break
-    roll = roll if along_rows_rad is None else along_rows_rad * rng.normal()
     right = np.array([1.0, 0.0, 0.0]) - towards[0] * towards
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(-towards, right), -towards], axis=1)

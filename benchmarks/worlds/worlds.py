@@ -18,7 +18,6 @@ from benchmarks.figures import AMBER, GREEN, GREY, label, panels
 from benchmarks.harness import Findings, Options, column, rms, table
 from vbaa_calib.core.console import progress, say
 
-from .aligned import run_aligned
 from .judge import CERTAIN, Judged, Outcome, outcome, together
 from .rigs import World, draw_world
 from .session import write_session
@@ -206,14 +205,13 @@ def figure(rows: Sequence[Row]) -> Figure:
 
 
 def measure(options: Options) -> Findings:
-    """Every world; a draw is a rig with its pictures, calibration and recording. For every ten there is one more
-    with a thin wire along the rows, in all variants of pictures."""
-    results, along_rows = run(options), run_aligned(options.seed, max(options.draws // 10, 1))
+    """Every world; a draw is a rig with its pictures, calibration and recording."""
+    results = run(options)
     rows, found = [row for row, _ in results], summary(results)
     heard = "\n".join(f"{row.world}: {row.words}" for row in rows if row.words not in ("", "none"))
     return Findings(
-        "\n\n".join([table(rows), lines(found), "thin wires along rows", table(along_rows), heard]),
-        {"worlds.csv": rows, "worlds_rows.csv": along_rows},
+        "\n\n".join([table(rows), lines(found), heard]),
+        {"worlds.csv": rows},
         {"worlds.png": lambda: figure(rows)},
         {"rows": rows, "summary": found},
         f"{found['refused']} of {found['worlds']} refused, {found['silent']} silent, distance "
