@@ -7,15 +7,13 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
 import yaml
 
+from benchmarks.harness import as_json
 from estimator import ContactEstimator
 from estimator.contact.recording import estimate_picture
 from tests.small_scene import small_scene
@@ -48,15 +46,7 @@ def all_digits(rig: Rig, session: Path) -> list[dict[str, Any]]:
     """What is known of every frame: contacts.csv rounds to nine digits."""
     estimator = ContactEstimator(rig)
     found = [estimate_picture(estimator, frame) for frame in read_recording(load_session(session))]
-    return [{one.name: _plain(getattr(each.contact, one.name)) for one in fields(each.contact)} for each in found]
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    if isinstance(value, Mapping):
-        return dict(value)
-    return value if isinstance(value, str | int | float | bool | type(None)) else repr(value)
+    return [as_json(each.contact) for each in found]
 
 
 if __name__ == "__main__":

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -12,20 +11,14 @@ import numpy as np
 
 from benchmarks.estimator.scenes import Scenes, push_for_deflection, rolled, scenes
 from benchmarks.estimator.setup import LENGTH_M, SIGMA_PX, STIFFNESS_NM2, Setup
+from benchmarks.waiting.recordings import write_session
 from estimator.table.contacts import Measured
 from vbaa_calib.session import DRIFTS
 
 RATE_HZ, PERIOD, FREE = 30.0, 120, 6
 PAUSE_S = 70.0
 """Between periods: beyond it free frames are looked at anew."""
-SESSION = """schema: vbaa.session/1
-board: {squares_x: 9, squares_y: 6, square_m: 0.012, marker_m: 0.009}
-antenna: {length_m: 0.24, diameter_m: 0.0008, youngs_modulus_Pa: 193.0e9, density_kg_m3: 7900.0}
-gravity_world: null
-moment_sensor: {std_Nm: 2.0e-5}
-drift: lab
-"""
-SHUTTER = "camera: {exposure_s: 0.01, readout_s: 0.02}\n"
+DRIFT, SHUTTER = "drift: lab\n", "camera: {exposure_s: 0.01, readout_s: 0.02}\n"
 
 
 @cache
@@ -48,33 +41,12 @@ def write_rig(path: Path) -> Path:
 def write_recording(root: Path, frames: int, seed: int = 0, *, rolling: bool = False) -> Path:
     """A session with centrelines in a new folder; `rolling`: by a camera whose shutter matters."""
     shown, rng = _period(), np.random.default_rng(seed)
-    (root / "recording").mkdir(parents=True)
-    (root / "session.yaml").write_text(SESSION + SHUTTER * rolling)
-    table = root / "recording" / "recording.csv"
-    with table.open("w") as rows, table.with_name("centrelines.csv").open("w") as lines:
-        rows.write("frame,time_s,pan_rad,tilt_rad,moment_Nm\n")
-        lines.write("frame,u_px,v_px,sigma_px\n")
-        for index in range(frames):
-            at = index % PERIOD
-            time_s = index / RATE_HZ + PAUSE_S * (index // (8 * PERIOD))
-            moment = shown.moment_Nm[at] + shown.rig.moment_sensor.std_Nm * rng.normal()
-            rows.write(f"{index},{time_s:.6f},0,0,{moment:.9g}\n")
-            points = shown.points_px[at] + [1.0, 0.5] + SIGMA_PX * rng.normal(size=(20, 2))  # the rig has drifted
-            lines.writelines(f"{index},{u:.4f},{v:.4f},{SIGMA_PX}\n" for u, v in points)
-    return root
 
+    def frame(index: int) -> Measured:
+        at = index % PERIOD
+        moment = float(shown.moment_Nm[at] + shown.rig.moment_sensor.std_Nm * rng.normal())
+        points = shown.points_px[at] + [1.0, 0.5] + SIGMA_PX * rng.normal(size=(20, 2))  # the rig has drifted
+        time_s = index / RATE_HZ + PAUSE_S * (index // (8 * PERIOD))
+        return Measured(points, np.full(20, SIGMA_PX), moment, 0.0, 0.0, time_s=time_s)
 
-def write_measured(root: Path, several: Sequence[Measured]) -> Path:
-    """A session in a new folder with the centrelines and readings of frames; none of their ends."""
-    (root / "recording").mkdir(parents=True)
-    (root / "session.yaml").write_text(SESSION)
-    table = root / "recording" / "recording.csv"
-    with table.open("w") as rows, table.with_name("centrelines.csv").open("w") as lines:
-        rows.write("frame,time_s,pan_rad,tilt_rad,moment_Nm\n")
-        lines.write("frame,u_px,v_px,sigma_px\n")
-        for index, one in enumerate(several):
-            moment = "" if np.isnan(one.moment_Nm) else f"{one.moment_Nm:.12g}"
-            rows.write(f"{index},{one.time_s:.6f},{one.pan_rad:.12g},{one.tilt_rad:.12g},{moment}\n")
-            for (u, v), sigma in zip(one.points_px.tolist(), one.sigma_px.tolist(), strict=True):
-                lines.write(f"{index},{u:.6f},{v:.6f},{sigma:.6g}\n")
-    return root
+    return write_session(root, map(frame, range(frames)), DRIFT + SHUTTER * rolling)

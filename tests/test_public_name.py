@@ -22,12 +22,8 @@ from .small_scene import small_rig
 ROOT = Path(__file__).parents[1]
 
 
-def test_every_public_name_is_there() -> None:
-    for name in vbaa.__all__:
-        assert getattr(vbaa, name) is not None
-
-
-def test_importing_it_loads_nothing_heavy() -> None:
+def test_every_public_name_is_there_and_importing_it_loads_nothing_heavy() -> None:
+    assert all(getattr(vbaa, name) is not None for name in vbaa.__all__)
     code = "import sys, vbaa; print([name for name in ('numpy', 'torch', 'cv2') if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     assert done.stdout == "[]\n"

@@ -150,7 +150,6 @@ def commands(trees: Sequence[Tree], folder: Path, quick: bool) -> Iterator[WaitR
     spent = {}
     for rows in (*ROWS, REFINED):
         for place in places.values():
-            (place / str(rows)).mkdir()
             write_recording(place / str(rows), rows, POINTS_A_ROW, 0)
         line = f"estimate {{0}}/{rows} --rig {{0}}/{rows}/rig.json -o {{0}}/{rows}.csv --no-report --force"
         spent[rows] = timed(line, partial(_line, line), rows == ROWS[0])

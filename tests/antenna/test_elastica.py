@@ -98,12 +98,6 @@ def test_small_loads_meet_the_linear_beam() -> None:
         np.testing.assert_allclose(exact.theta_rad[0], linear.slope(s, 0.15, force, EI), rtol=load**2 + 1e-12)
 
 
-def contact_force(force: float, theta: float, friction: float) -> np.ndarray:
-    """x and w of a force of signed magnitude on the antenna's tangent θ, leaning by friction towards the clamp."""
-    angle = theta + np.copysign(friction, force * friction)
-    return force * np.array([-np.sin(angle), np.cos(angle)])
-
-
 @pytest.mark.parametrize("force", [0.05, -0.4, 1.2])
 @pytest.mark.parametrize("friction", [0.0, 0.25, -0.25])
 def test_clamp_moment_balances_the_contact_force(force: float, friction: float) -> None:
@@ -111,6 +105,8 @@ def test_clamp_moment_balances_the_contact_force(force: float, friction: float) 
     step = 1e-6
     shape = elastica._planar_elastica([0.0, step, 2 * step, 0.15], [0.15], [force], EI, friction)
     curvature = (4 * shape.theta_rad[0, 1] - shape.theta_rad[0, 2]) / (2 * step)
-    f_x, f_w = contact_force(force, shape.theta_rad[0, 3], friction)
+    # inclined by friction towards the clamp
+    angle = shape.theta_rad[0, 3] + np.copysign(friction, force * friction)
+    f_x, f_w = -force * np.sin(angle), force * np.cos(angle)
     assert np.hypot(f_x, f_w) == pytest.approx(abs(force))
     assert EI * curvature == pytest.approx(shape.x_m[0, 3] * f_w - shape.w_m[0, 3] * f_x, rel=1e-7)

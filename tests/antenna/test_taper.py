@@ -78,19 +78,14 @@ class Integrated:
         return np.array([self.found.sol(x)[9 * p : 9 * p + 3] for x, p in zip(at, part, strict=True)])
 
 
-def force_of(profile: list[list[float]], contact_m: float, slope: float) -> np.ndarray:
-    """(2,) N: bends the antenna by about this slope at the contact."""
-    s = contact_m * (np.arange(2000) + 0.5) / 2000
-    per_newton = (softness(profile, s)[0] * (contact_m - s)).mean() * contact_m / EI
-    return slope / per_newton * np.array([0.8, 0.6])
-
-
 @pytest.mark.parametrize("profile", [*CONES, STEP])
 @pytest.mark.parametrize(("contact_m", "dead"), [(0.1, False), (0.21, False), (0.17, True)])
 def test_shapes_are_those_of_the_boundary_value_problem(
     profile: list[list[float]], contact_m: float, dead: bool
 ) -> None:
-    force, taper = force_of(profile, contact_m, 0.4 if dead else 0.7), Taper.of(profile, None, LENGTH)
+    s, taper = contact_m * (np.arange(2000) + 0.5) / 2000, Taper.of(profile, None, LENGTH)
+    slope_per_newton = (softness(profile, s)[0] * (contact_m - s)).mean() * contact_m / EI
+    force = (0.4 if dead else 0.7) / slope_per_newton * np.array([0.8, 0.6])
     lean = 0.0 if dead else 0.2
     exact = Integrated(profile, contact_m, force, lean, dead, 1.0)
     parameters, contact = np.array([[0.0] * 6 + [np.log(EI), np.log(DENSITY), 0.0]]), np.array([contact_m])

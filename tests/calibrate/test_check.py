@@ -81,10 +81,6 @@ def number_in(found: Assessment, question: str) -> float:
     return float(re.findall(r"[+-][\d.]+", words)[0])
 
 
-def step_of(pose: dict[str, Any]) -> np.ndarray:
-    return 1e-3 * np.concatenate([pose["turn_mrad"], pose["shift_mm"]])
-
-
 MOVED = np.array([0.0, np.radians(0.3), 0.0, 5e-4, 0.0, 0.0])
 _FAR = np.array([np.radians(1.0), 0.0, 0.0, 0.0, 0.0, 0.0])
 SENSED = ("plane", "noload", "loads")
@@ -111,7 +107,11 @@ CAUSES = {
     "refocus, one board": ("camera_pose", "refocus"),
 }
 SIZES: dict[str, tuple[Callable[[Any], Any], Any, float]] = {
-    "camera": (lambda found: step_of(found.session["camera_pose"]), MOVED, 2e-3),
+    "camera": (
+        lambda found: 1e-3 * np.concatenate([found.session["camera_pose"][of] for of in ("turn_mrad", "shift_mm")]),
+        MOVED,
+        2e-3,
+    ),
     "refocus": (lambda found: number_in(found, "lens_focus") / 100, 0.005, 1.5e-3),
     "offset": (lambda found: number_in(found, "sensor_offset") / 1e3, 2e-4, 6e-5),
     "gain": (lambda found: number_in(found, "sensor_gain") / scene().moment.gain, 0.05, 0.01),

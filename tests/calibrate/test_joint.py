@@ -177,16 +177,12 @@ def named(observations: list[Observation]) -> list[Observation]:
     ]
 
 
-def found_doubts(observations: list[Observation], rng: np.random.Generator) -> list[str]:
-    joint = solved(observations, rng)
-    found = still_diagnoses(SESSION, Kinematics(), joint)
-    found += prior_doubts(joint, found) + row_doubts(joint, found)
-    return [str(one) for one in found if one.severity != "note"]
-
-
 def test_a_good_calibration_raises_no_doubt(good) -> None:
     _, observations = good
-    assert found_doubts(named(observations), np.random.default_rng(3)) == []
+    joint = solved(named(observations), np.random.default_rng(3))
+    found = still_diagnoses(SESSION, Kinematics(), joint)
+    found += prior_doubts(joint, found) + row_doubts(joint, found)
+    assert [str(one) for one in found if one.severity != "note"] == []
 
 
 def test_a_lens_that_is_off_is_put_right_by_what_the_antenna_shows() -> None:

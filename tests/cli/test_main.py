@@ -27,16 +27,12 @@ from .conftest import Call, refused
 HEAVY = {"torch", "pyvista", "cv2", "kornia", "scipy", "vtk", "vtkmodules", "pydantic", "rich"}
 
 
-def in_fresh_python(code: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-
-
 def test_help_needs_no_heavy_library() -> None:
     lines = ["import sys", "from vbaa_calib.cli.main import main, VERBS", f"heavy = {HEAVY}"]
     lines += ["assert main(['--help']) == 0", "assert not heavy & set(sys.modules), 'vbaa --help'"]
     lines += ["for verb in VERBS:"]
     lines += ["    assert main([verb, '--help']) == 0, verb", "    assert not heavy & set(sys.modules), verb"]
-    done = in_fresh_python("\n".join(lines))
+    done = subprocess.run([sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
 

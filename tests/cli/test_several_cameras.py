@@ -122,7 +122,9 @@ def test_streams_give_the_contacts_of_the_session(
     rig, session = str(made / "rig.json"), made / "session"
     recording = session / "recording"
     bag, tail = str(tmp_path / "two.mcap"), ["--no-report", "--force"]
-    write_recording(Path(bag), session, {name: _bag_lens(made, name) for name in CAMERAS})
+    cameras = {name: one.camera for name, one in Rig.load(rig).cameras.items()}
+    lenses = {name: Lens(one.model, one.image_size, one.matrix, one.distortion) for name, one in cameras.items()}
+    write_recording(Path(bag), session, lenses)
     table = str(recording / "recording.csv")
     contacts = []
     for source in (str(session), bag, table):
@@ -152,24 +154,13 @@ def test_streams_give_the_contacts_of_the_session(
     assert "6 frames without left" in capsys.readouterr().err
 
 
-def _bag_lens(made: Path, name: str) -> Lens:
-    camera = Rig.load(made / "rig.json").cameras[name].camera
-    return Lens(camera.model, camera.image_size, camera.matrix, camera.distortion)
-
-
-def _copied(made: Path, tmp_path: Path) -> Path:
-    session = tmp_path / "session"
-    shutil.copytree(made / "session", session)
-    return session
-
-
 def _edited(path: Path, change: Callable[[list[str]], list[str]]) -> None:
     path.write_text("\n".join(change(path.read_text().splitlines())) + "\n")
 
 
 def test_a_camera_without_a_picture_drops_out_of_the_frame(made: Path, tmp_path: Path) -> None:
     """An empty cell is no picture; two of them are an error."""
-    session, out = _copied(made, tmp_path), tmp_path / "contacts.csv"
+    session, out = shutil.copytree(made / "session", tmp_path / "session"), tmp_path / "contacts.csv"
     table = session / "recording" / "recording.csv"
     _edited(table, lambda lines: [*lines[:3], lines[3].replace("right/frame_0002.png", ""), *lines[4:]])
     call = ["estimate", str(session), "--rig", str(made / "rig.json"), "-o", str(out), "--no-report", "--force"]

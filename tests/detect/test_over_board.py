@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from vbaa_calib.detect.over_board.line import BoardLine, LineEnd, PlaneAbove, find_over_board
+from vbaa_calib.detect.over_board.line import BoardLine, PlaneAbove, find_over_board
 from vbaa_calib.detect.over_board.line import _board_picture as board_picture
 
 from ..over_scenes import View, shown
@@ -22,10 +22,6 @@ def found(view: View = PLAIN, *, wires: bool = True) -> BoardLine | None:
     scene = shown(view) if wires else shown(view, wires=0)
     plane = PlaneAbove(scene.camera, scene.T_camera_board, scene.over.height_m)
     return find_over_board(scene.picture, plane, scene.scene.board, scene.scene.antenna.diameter_m)
-
-
-def tip_of(line: BoardLine, truth: np.ndarray) -> LineEnd:
-    return min((end for end in line.ends if end), key=lambda end: np.linalg.norm(end.point_px - truth[-1]))
 
 
 def aside(line: BoardLine, truth: np.ndarray) -> np.ndarray:
@@ -65,7 +61,7 @@ def test_points_lie_on_the_centreline(view: View, most_rms_px: float) -> None:
     assert len(off) > 150
     assert np.sqrt((off**2).mean()) < most_rms_px
     assert np.abs(off / line.sigma_px).mean() < 3.0
-    tip = tip_of(line, truth)
+    tip = min((end for end in line.ends if end), key=lambda end: np.linalg.norm(end.point_px - truth[-1]))
     assert np.linalg.norm(tip.point_px - truth[-1]) < 4.0 * tip.std_px < 6.0
 
 

@@ -142,12 +142,6 @@ def length_px(points_px: np.ndarray) -> np.ndarray:
     return np.asarray(between * points_px.shape[1] / (points_px.shape[1] - 1))
 
 
-def whitened(rig: Rig) -> np.ndarray:
-    """(17 + P,) deviations, 1 where there is none."""
-    std = np.sqrt(np.diag(rig.covariance))
-    return np.where(std > 0.0, std, 1.0)
-
-
 def test_parts_add_up_to_what_the_estimator_says() -> None:
     rig, touches = RIG_AXES, three_touches(RIG)
     _, space, given = linearised(rig, touches)
@@ -186,7 +180,8 @@ def test_the_estimator_is_off_as_said_by_every_parameter_and_by_friction() -> No
     """Rigs off by a third of a deviation in one parameter after the other, contacts that rub: no noise, all weights."""
     touches = three_touches(RIG)
     rig_arrays, space, given = linearised(RIG, touches)
-    now, std = _propagate(given, space), whitened(RIG)
+    now, std = _propagate(given, space), np.sqrt(np.diag(RIG.covariance))
+    std = np.where(std > 0.0, std, 1.0)
     scale = np.sqrt(_variance(now))
     said = now[2] @ np.linalg.pinv(rig_arrays.axes / std[:, None])
     size, count = 0.3, len(std)

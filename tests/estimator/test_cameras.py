@@ -73,25 +73,16 @@ def test_deviations_are_the_bounds() -> None:
     frames, lines = touched(EXACT, 300, 2)
     found = answers(EXACT, frames, lines)
     assert set(found.status.tolist()) == {"ok"}
-    information = [
-        np.linalg.inv(bound(replace(frames, rig=rig, points_px=_seen(rig, frames))).covariance)
-        for rig in (EXACT.cameras["left"], replace(EXACT.cameras["right"], moment_sensor=_deaf(EXACT)))
-    ]
+    deaf, information = replace(EXACT.moment_sensor, std_Nm=1e6), []
+    for rig in (EXACT.cameras["left"], replace(EXACT.cameras["right"], moment_sensor=deaf)):
+        (seen,) = centrelines(rig, replace(frames, sigma_px=1e-9), np.random.default_rng(0)).values()
+        information.append(np.linalg.inv(bound(replace(frames, rig=rig, points_px=seen)).covariance))
     std = np.sqrt(np.diagonal(np.linalg.inv(information[0] + information[1]), axis1=1, axis2=2))
     np.testing.assert_allclose(found.distance_std_m / std[:, 0], 1.0, atol=0.05)
     np.testing.assert_allclose(found.force_std_N[:, 1:] / std[:, 1:], 1.0, atol=0.1)
     off = np.column_stack([found.distance_m - frames.distance_m, (found.force_N - frames.force_N)[:, 1:]])
     square = np.mean((off / np.column_stack([found.distance_std_m, found.force_std_N[:, 1:]])) ** 2, axis=0)
     np.testing.assert_allclose(square, 1.0, atol=0.3)
-
-
-def _seen(rig: Rig, frames: Scenes) -> np.ndarray:
-    quiet = replace(frames, sigma_px=1e-9)
-    return next(iter(centrelines(rig, quiet, np.random.default_rng(0)).values()))
-
-
-def _deaf(rig: Rig):
-    return replace(rig.moment_sensor, std_Nm=1e6)
 
 
 def test_a_calibrated_rigs_intervals_cover() -> None:

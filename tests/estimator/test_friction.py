@@ -225,10 +225,6 @@ def tilted(given: Rubbed, surface: Surface, tilt_rad: float, std_rad: float) -> 
     )
 
 
-def error_rad(given: Rubbed, normal: np.ndarray) -> np.ndarray:
-    return np.arccos(np.clip((given.normal * normal).sum(axis=1), -1.0, 1.0))
-
-
 def test_deviations_of_the_normals_hold() -> None:
     """Over draws of the common tilt and of the force's errors."""
     squares = []
@@ -236,7 +232,8 @@ def test_deviations_of_the_normals_hold() -> None:
         rng = np.random.default_rng(seed)
         given = rubbed(0.3, rng, count=40)
         found = judged(given, tilted(given, shaped(given), 0.05 * rng.normal(), 0.05))
-        squares.append((error_rad(given, found.normals.normal) / found.normals.std_rad) ** 2)
+        off_rad = np.arccos(np.clip((given.normal * found.normals.normal).sum(axis=1), -1.0, 1.0))
+        squares.append((off_rad / found.normals.std_rad) ** 2)
     assert 0.3 < np.mean(squares) < 2.0
 
 

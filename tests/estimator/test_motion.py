@@ -120,7 +120,7 @@ def test_a_shaken_base_bends_the_antenna() -> None:
 def test_rest_is_not_taken_for_motion(rate_hz: float) -> None:
     """Noise in distance, force and direction bends the whole shape; it hardly ever looks like inertia."""
     rng, count = np.random.default_rng(3), 20_000
-    slopes = by_contact_at(BEAM.pieces_m)
+    slopes = (BEAM.pieces_m / LENGTH)[:, None] ** [1, 2]  # of the shape, and its curvature near the clamp
     slopes /= np.linalg.norm(slopes, axis=1).max()
     time = times(rate_hz, count, rng, 0.2)
     shapes = swinging(time, 0.3 * time[:, None] + STD_M * rng.normal(size=(count, 2)) @ slopes.T)
@@ -130,11 +130,6 @@ def test_rest_is_not_taken_for_motion(rate_hz: float) -> None:
     assert verdict.significant.sum() <= 1e-4 * count
     tip = verdict.load_N_m[1:-1, -1, 2] / verdict.load_std_N_m[1:-1, -1, 2]
     assert tip.std() == pytest.approx(1.0, abs=0.1)
-
-
-def by_contact_at(s_m: np.ndarray) -> np.ndarray:
-    """(G, 2) what two uncertain unknowns do to the shape: its slope, and its curvature near the clamp."""
-    return np.stack([s_m / LENGTH, (s_m / LENGTH) ** 2], axis=1)
 
 
 def random_recording(count: int) -> Shapes:

@@ -39,10 +39,6 @@ def bmp(width: int, height: int) -> bytes:
     return head + struct.pack("<IiiHHIIiiII", 40, width, height, 1, 24, 0, 0, 0, 0, 0, 0) + bytes(64)
 
 
-def float_tiff(picture: np.ndarray) -> np.ndarray:
-    return picture.astype(np.float32)
-
-
 GREY_TIFF = ((258, 3, 8), (259, 3, 1), (262, 3, 1), (273, 4, 90), (277, 3, 1), (278, 4, 1), (279, 4, 4))
 
 ROWS: tuple[Row, ...] = (
@@ -53,7 +49,7 @@ ROWS: tuple[Row, ...] = (
     ("fewer rows than announced", d.content(d.png(480, 360, bytes(481 * 100))), ""),
     ("a palette without colours", d.content(d.png(480, 360, bytes(481 * 360), colour=3)), NONE),
     ("a JPEG cut short", d.several(d.encoded(".jpg"), d.cut(0.6)), NOT_WHOLE),
-    ("a TIFF of floats", d.encoded(".tiff", float_tiff), "holds pixels of type float32"),
+    ("a TIFF of floats", d.encoded(".tiff", np.float32), "holds pixels of type float32"),
 )
 NOTHING_ON_IT: tuple[Row, ...] = (
     ("grey", d.grey, "no antenna found"),

@@ -84,12 +84,6 @@ def summary(results: Results) -> dict[str, dict[str, str]]:
         return {row["recording"]: row for row in csv.DictReader(stream)}
 
 
-def serial(path: Path, rig_file: Path, output: Path) -> pyarrow.Table:
-    """As `vbaa estimate` makes them, in a process that has done other things, as the workers have not."""
-    assert main(["estimate", str(path), "--rig", str(rig_file), "-o", str(output), "--no-report"]) == 0
-    return read_table(output)
-
-
 def same_bits(own: pyarrow.Table, other: pyarrow.Table) -> bool:
     """Row by row, NaN where NaN is."""
     columns = [(own[name].to_numpy(), other[name].to_numpy()) for name in other.column_names]
@@ -184,11 +178,12 @@ def test_what_is_wrong_is_named_and_the_rest_goes_on(
 def test_rows_are_those_of_estimate(folder: Path, tmp_path: Path) -> None:
     """Bit for bit, for any number of threads, with drift that is learnt; the summary counts them."""
     path, rig = write_recording(tmp_path / "one", 200, 7, rolling=True), folder / "rig.json"
-    expected = serial(path, rig, tmp_path / "one.parquet")
+    one = tmp_path / "one.parquet"
+    assert main(["estimate", str(path), "--rig", str(rig), "-o", str(one), "--no-report"]) == 0
     for threads in (1, 3):
         results = Results(tmp_path / f"results{threads}")
         row = work.do(BatchRecording("one", path, rig), BatchSettings(threads=threads), results).row
-        assert same_bits(read_table(results.contacts("one"), partitioning=None), expected)
+        assert same_bits(read_table(results.contacts("one"), partitioning=None), read_table(one))
         assert row == results.done("one")
         assert row["free_frames"] > 0
         table = read_contacts(tmp_path / "one.parquet")

@@ -64,13 +64,9 @@ def text_of(html: str) -> str:
     return re.sub(r"<[^>]*>", " ", re.sub(r"<(style|script)>.*?</\1>|<title>.*?</title>", " ", html, flags=re.DOTALL))
 
 
-def found_of(table: ContactTable, *, determined: bool = True) -> dict[str, Any]:
-    estimate = object_estimate(table, determined=determined)
-    return {"estimate": estimate, "track": estimate.track, "facts": _facts_of(estimate)}
-
-
 def whole(table: ContactTable, rig: Rig, truth: dict[str, Any], *, determined: bool = True) -> Report:
     """A report with everything in it."""
+    estimate = object_estimate(table, determined=determined)
     return Report(
         title="T <1>",
         table=table,
@@ -79,7 +75,9 @@ def whole(table: ContactTable, rig: Rig, truth: dict[str, Any], *, determined: b
         summary=[("contact point", 0.8, "mm", 1.5), ("force", 9.0, "%", 8.0), ("focal length", 0.1, "%", None)],
         pictures=[Markup("<p>there is none</p>")],
         origin=origin({"contacts": Path("contacts.csv")}, rig, ["vbaa", "report", "a b.csv"]),
-        **found_of(table, determined=determined),
+        estimate=estimate,
+        track=estimate.track,
+        facts=_facts_of(estimate),
     )
 
 

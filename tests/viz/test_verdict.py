@@ -14,6 +14,7 @@ from pyarrow.parquet import read_metadata, read_table
 
 from benchmarks.mistakes.recordings import clean_recording
 from benchmarks.mistakes.rigs import KINDS
+from benchmarks.waiting.recordings import write_session
 from estimator import RecordingVerdict
 from estimator.table.contacts import LOCATED
 from estimator.table.files import read_contacts
@@ -23,7 +24,7 @@ from viz.batch.results import Results
 from viz.batch.work import BatchSettings, do
 
 from ..made_once import made_once
-from ..recordings import write_measured
+from ..recordings import DRIFT
 
 FRAMES = 40
 
@@ -31,8 +32,9 @@ FRAMES = 40
 def _made(folder: Path) -> None:
     recording = clean_recording(KINDS[0], 1, FRAMES)
     (folder / "rig.json").write_text(json.dumps(recording.rig.to_dict()))
-    write_measured(folder / "clean", recording.frames)
-    write_measured(folder / "turned", [replace(one, moment_Nm=-one.moment_Nm) for one in recording.frames])
+    write_session(folder / "clean", recording.frames, DRIFT)
+    turned = (replace(one, moment_Nm=-one.moment_Nm) for one in recording.frames)
+    write_session(folder / "turned", turned, DRIFT)
 
 
 @pytest.fixture(scope="module")

@@ -16,13 +16,8 @@ _BOARD = cv2.aruco.CharucoBoard(
 ).generateImage((320, 240), marginSize=5)
 
 
-def _wall() -> np.ndarray:
-    rng = np.random.default_rng(7)
-    wall = cv2.GaussianBlur(rng.normal(0, 1, SIZE[::-1]).astype(np.float32), (0, 0), 25)
-    return 110 + 25 * wall / wall.std()
-
-
-WALL = _wall()
+_SOFT = cv2.GaussianBlur(np.random.default_rng(7).normal(0, 1, SIZE[::-1]).astype(np.float32), (0, 0), 25)
+WALL = 110 + 25 * _SOFT / _SOFT.std()
 _NOISE = np.random.default_rng(8).normal(0, 1, (2 * SIZE[1], 2 * SIZE[0])).astype(np.float32)
 
 
