@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "smooth.hpp"
+#include "detect/selection.hpp"
 
 namespace vbaa::detect {
 namespace {
@@ -15,20 +15,9 @@ constexpr int LEAST_POINTS = 20;
 constexpr double SHADE[2] = {0.33, 1.15}, TINT[2] = {0.9, 2.0};
 // Share of the line, from the clamp, that shows how brightly it is lit; limits of that factor.
 constexpr double ROOT = 0.4, LIGHT[2] = {0.6, 1.7};
-double square(double value) { return value * value; }
 
 int nearest_pixel(double place, int size) {
     return static_cast<int>(std::rint(std::min(std::max(0.0, place), size - 1.0)));
-}
-
-// The mean of the two middle ones of an even number; NaN if one is.
-double middle(std::vector<double> values) {
-    const int count = static_cast<int>(values.size());
-    if (count == 0 || std::any_of(values.begin(), values.end(), [](double each) { return each != each; }))
-        return NOT_KNOWN;
-    const auto half = values.begin() + count / 2;
-    std::nth_element(values.begin(), half, values.end());
-    return count % 2 ? *half : 0.5 * (*half + *std::max_element(values.begin(), half));
 }
 
 // (4, N) the looks (PLACES, 4) at shares (N,) of the way: three channels and the deviation.
@@ -45,15 +34,16 @@ Array<double, 2> usual_looks(ConstMatrix looks, ConstVector shares) {
 
 // How brightly the line is lit near its clamp, over usual: colours (N, 3) and usual looks (4, N) at shares (N,).
 double light_of_line(ConstMatrix colours, ConstMatrix usual, ConstVector shares) {
-    std::vector<double> root;
+    Numbers root;
     for (int n = 0; n < shares.shape[0]; ++n) {
         if (!(shares[n] < ROOT)) continue;
         double across = 0.0, own = 1e-9;
         for (int c = 0; c < 3; ++c) across += colours(n, c) * usual(c, n), own += square(usual(c, n));
-        root.push_back(across / own);
+        root.values.push_back(across / own);
     }
+    root.shape[0] = static_cast<int>(root.values.size());
     if (root.size() < LEAST_POINTS) return 1.0;
-    return std::min(std::max(middle(root), LIGHT[0]), LIGHT[1]);
+    return std::min(std::max(central(std::move(root)), LIGHT[0]), LIGHT[1]);
 }
 
 }  // namespace
@@ -102,7 +92,7 @@ Foreign foreign(const Picture& picture, double level, ConstMatrix points, ConstV
     }
     const int known = static_cast<int>(alike.size());
     const double most = known > LEAST_POINTS ? TINT[1] * quantile({alike.data(), {known}}, TINT[0]) : -1.0;
-    const bool whole = middle({found.off.begin(), found.off.end()}) > MOSTLY_FOREIGN;
+    const bool whole = central(found.off) > MOSTLY_FOREIGN;
     for (int n = 0; n < count; ++n) {
         found.tinted[n] = tint[n] > most;
         found.other[n] |= whole;

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <cstdint>
 
-#include "smooth.hpp"
+#include "detect/selection.hpp"
 
 namespace vbaa::detect {
 namespace {
@@ -16,8 +16,6 @@ constexpr double CONVERGED = 0.95, LEAST_DAMPING = 1e-3;
 constexpr double LARGEST_STEP = 0.5;
 // So far along the last segment, over its length, a point lies beyond the tip: a blurred end is a little longer.
 constexpr double BEYOND = 1.5;
-
-double square(double value) { return value * value; }
 
 // Turns of the antenna's directions up to the force: B (1 − q² − B² (q² − q⁶) / 30), q the share of the way that is
 // left to it; the elastica under a force along its normal there, to the third order of the slope B that it has there.

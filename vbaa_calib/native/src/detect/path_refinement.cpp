@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "detect/selection.hpp"
 #include "polyline.hpp"
-#include "smooth.hpp"
 
 namespace vbaa::detect {
 namespace {
@@ -21,8 +21,6 @@ struct Columns {
     double width_px;                   // of the antenna
     int reach, flank;                  // px
 };
-
-double square(double value) { return value * value; }
 
 // Rows in the middle of an antenna.
 int core(double width_px) { return 2 * static_cast<int>(0.35 * width_px) + 1; }

@@ -291,13 +291,21 @@ Numbers together(const Numbers& one, const Numbers& other) {
     return each(one.size(), [&](int n) { return std::hypot(one[n], other[n]); });
 }
 
-// The smooth course of the kept points, with deviations `total`; its scales are in the typical `sigma`.
+// How a course is fitted: in two rounds, of 6 and `second_scale` typical deviations.
+struct Smoothing {
+    double second_scale;
+    int pieces;
+    double stiffness;
+};
+
+// The smooth course of the kept points with deviations `all_px`, of which `sigma` is typical.
 Numbers smooth_course(const Crossings& found, const Lines& lines, const Numbers& sigma, const Numbers& all_px,
-                      const Flags& kept, double second_scale, int pieces, double stiffness) {
+                      const Flags& kept, const Smoothing& how) {
     const double spread = std::max(median(selected(sigma, kept)), 0.02);
     const Numbers weights =
         each(kept.size(), [&](int n) { return kept[n] ? 1.0 / square(std::max(all_px[n], 0.02)) : 0.0; });
-    return fit_smooth(shares(found), lines.centre, weights, {6.0 * spread, second_scale * spread}, pieces, stiffness)
+    return fit_smooth(shares(found), lines.centre, weights, {6.0 * spread, how.second_scale * spread}, how.pieces,
+                      how.stiffness)
         .values;
 }
 
@@ -308,7 +316,7 @@ void calibrate(const Crossings& found, const Lines& lines, const Numbers& edge, 
     const Numbers &sigma = line.sigma_px, doubt = together(edge, lines.shared);
     Numbers all_px = together(sigma, doubt);
     for (double& each : all_px) each = std::max(each, 1e-9);
-    const Numbers curve = smooth_course(found, lines, sigma, all_px, line.kept, 6.0, CURVE_PIECES, 1e-6);
+    const Numbers curve = smooth_course(found, lines, sigma, all_px, line.kept, {6.0, CURVE_PIECES, 1e-6});
     const std::vector<int> kept = places(line.kept);
     const int count_kept = static_cast<int>(kept.size());
     const double freed = count_kept / std::max(count_kept - CURVE_PIECES - 2.0, 0.5 * count_kept);
@@ -351,7 +359,7 @@ FittedLine fitted_line(const Crossings& found, const Lines& lines, const Measuri
     const Numbers edge = edge_doubt(found, lines, chosen.seen);
     // points that do not lie on one smooth curve
     const Numbers all_px = together(line.sigma_px, together(edge, lines.shared));
-    line.course = smooth_course(found, lines, all_px, all_px, line.kept, 4.0, STRAY_PIECES, 1e-4);
+    line.course = smooth_course(found, lines, all_px, all_px, line.kept, {4.0, STRAY_PIECES, 1e-4});
     for (int n = 0; n < all; ++n) {
         const double off = std::abs(lines.centre[n] - line.course[n]);
         line.kept[n] = line.kept[n] && off < std::max(STRAY * all_px[n] * found.stretch[n], STRAY_PX);

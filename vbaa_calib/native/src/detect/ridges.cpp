@@ -27,15 +27,11 @@ void highest(const Level* values, int stride, int pool, int count, Level* __rest
 }
 
 // The response of each of some flat levels against flanks `off` to either side.
-void respond(const Level* own, int off, int sign, int count, Level* __restrict to) {
+void respond(const Level* own, int off, int count, Level* __restrict to) {
     const Level *one = own - off, *other = own + off;
     for (int i = 0; i < count; ++i) {
         const Level flank = std::max(one[i], other[i]);
         to[i] = static_cast<Level>(std::max(own[i], flank) - flank);
-    }
-    for (int i = 0; sign == 0 && i < count; ++i) {
-        const Level flank = std::min(one[i], other[i]);
-        to[i] = std::max(to[i], static_cast<Level>(std::max(own[i], flank) - own[i]));
     }
 }
 
@@ -108,8 +104,7 @@ Array<std::uint8_t, 1> ridge_responses(BytePicture small, int reach, int pool, i
     const int first = room * (stride + 1), count = tall * stride - 2 * first;
     for (int step = 0; step < DIRECTIONS; ++step) {
         const int far = STEPS[step][0] != 0 && STEPS[step][1] != 0 ? diagonal : reach;
-        respond(level.data() + first, far * (STEPS[step][1] * stride + STEPS[step][0]), sign, count,
-                ridge.data() + first);
+        respond(level.data() + first, far * (STEPS[step][1] * stride + STEPS[step][0]), count, ridge.data() + first);
         for (int r = room; r < room + height; ++r) {
             std::fill_n(ridge.begin() + r * stride, room, Level{0});
             std::fill_n(ridge.begin() + (r + 1) * stride - room, room, Level{0});

@@ -23,7 +23,7 @@ struct Reduction {
 Array<std::int32_t, 2> places(ConstCube paths_px, const Reduction& reduction);
 
 // (4 · rows · columns + 1,) ridge response for the four directions, pooled over `pool` pixels, flat; the last is zero.
-// The line is brighter than both flanks `reach` pixels away, with a `sign` of −1 darker, or, for 0, either.
+// The line is brighter than both flanks `reach` pixels away, with a `sign` of −1 darker.
 Array<std::uint8_t, 1> ridge_responses(BytePicture small, int reach, int pool, int sign);
 
 // (P,) of paths with samples at `index` (P, S) in flat responses: their sum over `weight` (P,). A response is

@@ -370,9 +370,18 @@ void pooled(const Reduced& small, const Tiles& tiles, const Steps& steps, const 
     });
 }
 
+// A picture with what its edges are judged by.
+struct Edges {
+    const Reduced& small;
+    const Colour& noise;
+    const EdgeModel& model;
+    const EdgeOdds& odds;
+    Scratch& scratch;
+};
+
 // Log odds of two edges of an antenna along a direction, highest within a pool.
-void edges_along(const Reduced& small, double angle, const Colour& noise, const EdgeModel& model, const EdgeOdds& odds,
-                 const Tiles& tiles, const Steps& steps, Scratch& scratch, std::uint8_t* to) {
+void edges_along(const Edges& edges, double angle, const Tiles& tiles, const Steps& steps, std::uint8_t* to) {
+    const auto& [small, noise, model, odds, scratch] = edges;
     const Tiles wider = tiles.around(tiles_around(small.pool, small.reach));
     for (int k = 0; k < small.channels; ++k) {
         differences(small, k, angle, wider, scratch);
@@ -468,6 +477,7 @@ Numbers rough_scores(const Colours<T>& picture, const RoughPaths& paths, const L
     reduce(picture, places.seen(small), small);
     const EdgeOdds odds(model.rate);
     Scratch scratch(small);
+    const Edges edges = {small, noise, model, odds, scratch};
     const int size = small.size(), samples = places.samples;
     const Steps edge_steps(model.hidden, 2.0 * odds.most()), look_steps(-model.look, model.look);
     const Bytes bytes(new std::uint8_t[static_cast<std::size_t>(std::max(DIRECTIONS_ROUGH, LOOK_PLACES)) * size]);
@@ -478,8 +488,7 @@ Numbers rough_scores(const Colours<T>& picture, const RoughPaths& paths, const L
     Numbers score(places.count);
     for (int d = 0; d < DIRECTIONS_ROUGH; ++d) {
         std::uint8_t* const own = bytes.get() + static_cast<std::size_t>(d) * size;
-        edges_along(small, M_PI * d / DIRECTIONS_ROUGH, noise, model, odds, places.of_direction[d], edge_steps, scratch,
-                    own);
+        edges_along(edges, M_PI * d / DIRECTIONS_ROUGH, places.of_direction[d], edge_steps, own);
         own[0] = edge_steps(static_cast<float>(0.5 * model.hidden));
     }
     add_means(bytes, places.at, plane, weight, edge_steps, score);

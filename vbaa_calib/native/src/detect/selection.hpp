@@ -70,9 +70,10 @@ inline Table selected(ConstMatrix rows, const Flags& chosen) {
     return found;
 }
 
-// The median of values (N,), the mean of the two middle ones of an even number; NaN of none.
+// The median of values (N,), the mean of the two middle ones of an even number; NaN of none, or with NaN.
 inline double central(Numbers values) {
-    if (!values.size()) return NAN;
+    if (!values.size() || std::any_of(values.begin(), values.end(), [](double each) { return std::isnan(each); }))
+        return NAN;
     const auto middle = values.values.begin() + values.size() / 2;
     std::nth_element(values.values.begin(), middle, values.values.end());
     return values.size() % 2 ? *middle : 0.5 * (*middle + *std::max_element(values.values.begin(), middle));

@@ -200,11 +200,12 @@ UsualColours look_at(const Looks& looks, double part) {
 
 // Adds the log odds of the colours between the edges.
 void add_look(View<const float, 2> levels, const UsualColours& look, const Sizes& sizes, float most,
-              std::vector<float>& scratch, float* __restrict odds) {
+              float* __restrict odds) {
     const int channels = levels.shape[0], middles = sizes.middles;
     const LookOdds odds_of(look, channels);
     const float share = 1.0f / static_cast<float>(2 * sizes.core + 1);
-    float* const __restrict mean = scratch.data(), * const __restrict sum = mean + middles;
+    Array<float, 1> means(Unset{}, middles), sums(Unset{}, middles);
+    float* const __restrict mean = means.begin(), * const __restrict sum = sums.begin();
     std::fill_n(sum, middles, odds_of.constant);
     for (int k = 0; k < channels; ++k) {
         const float* const own = levels.row(k).data + sizes.room + sizes.wide;
@@ -218,7 +219,7 @@ void add_look(View<const float, 2> levels, const UsualColours& look, const Sizes
 
 // Log odds (middles,) at a station of which the edges' are known.
 void middles_at(int station, const float* edge, const Samples& levels, const Sizes& sizes, const StripModel& model,
-                std::vector<float>& scratch, float* __restrict odds) {
+                float* __restrict odds) {
     const float hidden = static_cast<float>(model.edges.hidden);
     const bool root = station < ROOT * sizes.stations;
     const float least = root ? static_cast<float>(model.edges.hidden_root) : hidden;
@@ -230,7 +231,7 @@ void middles_at(int station, const float* edge, const Samples& levels, const Siz
     }
     for (int m = 0; m < middles; ++m) odds[m] = std::max(odds[m], hidden);
     const UsualColours look = look_at(*model.looks, (station + 0.5) / sizes.stations);
-    add_look(levels.row(station), look, sizes, static_cast<float>(model.edges.look), scratch, odds);
+    add_look(levels.row(station), look, sizes, static_cast<float>(model.edges.look), odds);
     for (int m = 0; m < middles; ++m) odds[m] = std::max(odds[m], 2.0f * least);
 }
 
@@ -249,12 +250,12 @@ Strip strip_along(const Colours<T>& picture, ConstMatrix path, double reach_px, 
     sample(picture, strip, sizes, levels, inside);
     levels = averaged(levels, sizes.near);
     compare(levels, sizes, apart, usual);
-    std::vector<float> edge(sizes.edges), scratch(2 * static_cast<std::size_t>(sizes.middles));
+    std::vector<float> edge(sizes.edges);
     const float beyond = static_cast<float>(0.5 * model.edges.hidden);
     for (int s = 0; s < stations; ++s) {
         edges_at(s, apart, usual, sizes, model, edge.data());
         float* const odds = strip.odds.row(s).data;
-        middles_at(s, edge.data(), levels, sizes, model, scratch, odds);
+        middles_at(s, edge.data(), levels, sizes, model, odds);
         const unsigned char* const within = inside.begin() + s * sizes.across + sizes.room + sizes.wide;
         for (int m = 0; m < sizes.middles; ++m) odds[m] = within[m] ? odds[m] : beyond;
     }

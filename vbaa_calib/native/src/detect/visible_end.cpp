@@ -26,8 +26,8 @@ constexpr int AT_LEAST_ON = 12;       // profiles beyond the path's end that sho
 constexpr double MOST_STD_PX = 1.5, MOST_RMS = 0.2;  // of a step that is to be trusted
 constexpr int ROUNDS = 12;
 constexpr double LEAST_STD_PX = 0.1;  // what the pixel grid and the shape of a cut end leave open, over the blur
-// Least number of profiles that are examined, of those before the end, and of those that a step is fitted to.
-constexpr int LEAST_PROFILES = 12, LEAST_BEFORE = 8, LEAST_STEP = 16;
+// Least number of profiles before the end, and of those that a step is fitted to.
+constexpr int LEAST_BEFORE = 8, LEAST_STEP = 16;
 
 // A line from some way before its last seen point, continued straight beyond it; no points where it is too short.
 struct Continued {
@@ -198,7 +198,6 @@ End end_or_longer(const Crossings& found, const Look& look, const Continued& ahe
     const double last_at = along[ahead.last];
     const int count_all = here.size();
     End end = {{EndKind::hidden, {ahead.path_px(ahead.last, 0), ahead.path_px(ahead.last, 1)}, NAN}, Table(0, 2)};
-    if (count_all < LEAST_PROFILES) return end;
     const Fits fits = fit(look.section, found, Numbers(count_all));
     const Flags known = each(count_all, [&](int n) { return found.inside[n] && here[n] < last_at - 4.0; });
     if (count(known) < LEAST_BEFORE) return end;
