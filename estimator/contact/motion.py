@@ -191,7 +191,7 @@ def _wave_numbers() -> np.ndarray:
     """(T,) βL of the first mode of a beam that is clamped at 0, supported at the contact and free beyond it, for
     contacts at equal steps from clamp to tip.
 
-    The moments that the two parts need for a turn at the knife edge cancel: halved intervals find where.
+    At the mode the two parts need opposite moments for a common turn at the support; found by bisection.
     """
 
     def hinged(x: np.ndarray) -> np.ndarray:

@@ -167,9 +167,9 @@ class Format:
 def stated(camera: Camera, models: Mapping[tuple[str, int], str], program: str) -> tuple[str, list[float]]:
     """The lens model's name in another program, and its coefficients, padded with zeros.
 
-    models : our model and a number of coefficients → the name. That of the camera's own number is taken, else the
-    shortest that holds all coefficients but zeros. Raises InputError, with the error that leaving some out would cause,
-    where there is none.
+    models : our model and a number of coefficients → the name. If the camera's number has none, the smallest number
+    that holds all its nonzero coefficients is taken. Raises InputError where there is none, with the error that leaving
+    some out would cause.
     """
     values = camera.distortion.tolist()
     needed = max((index + 1 for index, value in enumerate(values) if value != 0.0), default=0)

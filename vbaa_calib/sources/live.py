@@ -63,7 +63,8 @@ class LiveSource:
     ) -> None:
         """Open the device and wait for its first frame. Raises InputError if none comes.
 
-        faults : clause and remedy of each. settings : how it is set up, in words, which `opener` may renew.
+        faults : words and remedy of each fault. seen : names of pictures to skip. settings : the device's settings in
+        words, which `opener` may update.
         """
         self.name = name
         self._opener, self._patience, self._faults = opener, patience, faults

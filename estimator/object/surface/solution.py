@@ -199,9 +199,9 @@ def solve(every: tuple[ShapeEquations, ...], priors: tuple[SmoothnessPrior, ...]
 def learn_prior(
     equations: ShapeEquations, extent_m: float, start: SmoothnessPrior | None, yield_per_N: float, roughly: bool
 ) -> SmoothnessPrior:
-    """The most probable prior of a patch. start : an earlier one. extent_m : the
-    patch's. yield_per_N : the largest compliance, m/N, zero for none. roughly : whether by a part of the equations,
-    which else leads to where the search by all of them begins.
+    """The most probable prior of a patch. start : an earlier one. extent_m : the patch's. yield_per_N : the largest
+    compliance, m/N, zero for none. roughly : stop at the search by a few of the equations, which otherwise only finds
+    where the search by all of them begins.
     """
     extent_m = max(extent_m, 1e-3)
     count = min(len(equations), SurfaceSettings.most_equations)

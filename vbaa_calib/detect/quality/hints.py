@@ -121,8 +121,8 @@ def _levels(image: np.ndarray, where: _BoardMap) -> _Levels | None:
 def _blemishes(seen: _Levels) -> list[tuple[bool, int, tuple[float, float]]]:
     """Connected patches of squares without black: every square, or its marker, has black in its middle.
 
-    Of each whether it is as bright as paper, a reflection (else something covers the board, or a shadow's edge), its
-    number of squares, and its centre in squares along the board's x and y.
+    For each patch: whether it is a reflection, as bright as paper (else an object or a shadow's edge covers the board);
+    its number of squares; its centre in squares along the board's x and y.
     """
     dark, black, white = seen
     rise = (np.nan_to_num(dark, nan=black) - black) / max(white - black, 1.0)
