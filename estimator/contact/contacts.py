@@ -52,12 +52,12 @@ class Contacts(Rows, ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequen
 
     def picked(self, which: slice | np.ndarray) -> Self:
         """The results of some frames, without derivatives."""
-        return replace(super().picked(which), numbers=self.numbers.picked(which), jacobian=None)
+        return super().picked(which)._with({"numbers": self.numbers.picked(which), "jacobian": None})
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
         """The results of several parts, at least one, one after the other."""
-        return replace(super().joined(parts), numbers=FitNumbers.joined([part.numbers for part in parts]))
+        return super().joined(parts)._with({"numbers": FitNumbers.joined([part.numbers for part in parts])})
 
     @overload
     def __getitem__(self, index: int) -> Contact: ...
@@ -85,9 +85,9 @@ class Contacts(Rows, ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequen
         """The results, or their status while the antenna vibrates: inertia shifts the distances by `shift` (B,)
         standard deviations."""
         swings = np.flatnonzero(np.abs(shift) > ContactSettings.largest_shift)
-        swings, words = swings[np.isin(self.status[swings], LOCATED)], np.full(len(self), "", object)
-        if not len(swings):
-            return replace(self, moving=words)
+        words = np.full(len(self), "", object)
+        if not len(swings) or not len(swings := swings[np.isin(self.status[swings], LOCATED)]):
+            return self._with({"moving": words})
         status, columns = self.status.astype(object), dict[str, Any]()
         for row in swings.tolist():
             distance_m, off_m = float(self.distance_m[row]), float(abs(shift[row]) * self.distance_std_m[row])

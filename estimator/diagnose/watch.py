@@ -104,11 +104,11 @@ class RecordingWatch:
         self._pictures.append((self.count, measured.points_px, sigma_px, now))
         if len(self._pictures) >= self.settings.compared:
             self._compare()
-        self._follow(now)
+        self._follow(self.count, now)
         if len(measured.points_px) >= self.settings.fewest_points:
             self._seen += 1
-            if self._keeps:
-                self._keep(measured)
+            if self._keeps(self.count):
+                self._keep(measured, self.count, np.array([self._read, np.full(8, np.nan)]))
         self._time_s, self._read, self.count = measured.time_s, now, self.count + 1
 
     def push_together(self, batch: Batch, contacts: Contacts) -> None:
@@ -131,15 +131,15 @@ class RecordingWatch:
         times = np.append(self._time_s, batch.time_s if batch.time_s is not None else np.nan)
         later = np.diff(times)
         self._apart_s.extend(later[later > 0.0].tolist())
-        for row, (points, own) in enumerate(zip(batch.points_px, many, strict=True)):
-            sigma_px = middle[row] if own else math.nan
-            self._pictures.append((self.count, points[:own], sigma_px, every[row]))
-            self._follow(every[row])
-            if own >= self.settings.fewest_points:
-                self._seen += 1
-                if self._keeps:
-                    self._keep(batch.measured(row))
-            self._read, self.count = every[row], self.count + 1
+        pictured = zip(range(begin, begin + len(batch)), batch.points_px, many, middle, every, strict=True)
+        self._pictures += [(row, px[:own], std if own else math.nan, now) for row, px, own, std, now in pictured]
+        self._follow(begin, every[0])
+        around = np.concatenate([self._read[None], every, np.full((1, 8), np.nan)])
+        for row in np.flatnonzero(count >= self.settings.fewest_points).tolist():
+            self._seen += 1
+            if self._keeps(begin + row):
+                self._keep(batch.measured(row), begin + row, around[[row, row + 2]])
+        self._read, self.count = every[-1], begin + len(batch)
         if len(self._pictures) >= self.settings.compared:
             self._compare()
         self._time_s = float(times[-1])
@@ -158,10 +158,10 @@ class RecordingWatch:
         if contact.status == "no_antenna":
             self._turned.update(words for words, *_ in ContactSettings.turned if words in contact.reason)
 
-    def _follow(self, now: np.ndarray) -> None:
-        """Note the readings after a row that is kept."""
+    def _follow(self, row: int, now: np.ndarray) -> None:
+        """Note the readings of a row after one that is kept."""
         for kept in (self._first, self._spread):
-            if kept and kept[-1][0] == self.count - 1:
+            if kept and kept[-1][0] == row - 1:
                 kept[-1][2][1] = now
 
     def _compare(self) -> None:
@@ -171,14 +171,13 @@ class RecordingWatch:
         self._leaps += leaps
         self._pictures = self._pictures[-2:]
 
-    @property
-    def _keeps(self) -> bool:
-        """Whether the present row is one of those that are kept."""
+    def _keeps(self, row: int) -> bool:
+        """Whether a row is one of those that are kept."""
         first = self.settings.first
-        return len(self._first) < first or not (self.count - first) % self._stride
+        return len(self._first) < first or not (row - first) % self._stride
 
-    def _keep(self, measured: Measured) -> None:
-        frame = self.count, measured, np.array([self._read, np.full(8, np.nan)])
+    def _keep(self, measured: Measured, row: int, around: np.ndarray) -> None:
+        frame = row, measured, around
         if len(self._first) < self.settings.first:
             self._first.append(frame)
         else:
@@ -428,13 +427,22 @@ def _lateral_px(clamp: np.ndarray, tip: np.ndarray, lines_px: Sequence[np.ndarra
         return found
     thin = [points[:: max(len(points) // (4 * settings.places), 1)] for points in lines_px]
     along = (tip - clamp) / length
-    at, off = np.array([along, [-along[1], along[0]]]) @ (np.concatenate(thin) - clamp).T
-    places, begin = length * np.linspace(0.0, 1.0, settings.places + 1)[1:], 0
-    for row, points in zip(found, thin, strict=True):
-        own = slice(begin, begin := begin + len(points))
-        if len(points) >= settings.fewest_points:
-            order = np.argsort(at[own])  # missing ones come last, and there is nothing
-            row[:] = np.interp(places, at[own][order], off[own][order], left=np.nan, right=np.nan)
+    row = np.repeat(np.arange(len(thin)), [len(points) * (len(points) >= settings.fewest_points) for points in thin])
+    every = np.concatenate([points for points in thin if len(points) >= settings.fewest_points] or [found[:0, :2]])
+    at, off = np.array([along, [-along[1], along[0]]]) @ (every - clamp).T
+    there = np.isfinite(at + off)
+    at, off, row = at[there], off[there], row[there]
+    if not len(row):
+        return found
+    if not ((np.diff(at) > 0.0) | (np.diff(row) > 0)).all():
+        order = np.lexsort((at, row))
+        at, off = at[order], off[order]
+    # one line after the other, as one
+    places, apart = length * np.linspace(0.0, 1.0, settings.places + 1)[1:], 4.0 * (np.abs(at).max() + length)
+    begins = np.searchsorted(row, rows := np.unique(row))
+    first, last = at[begins, None], at[np.append(begins[1:], len(at)) - 1, None]
+    between = np.interp(places + apart * rows[:, None], at + apart * row, off)
+    found[rows] = np.where((places >= first) & (places <= last), between, np.nan)
     return found
 
 

@@ -84,8 +84,7 @@ class FitNumbers:
     @staticmethod
     def joined(several: Sequence[FitNumbers]) -> FitNumbers:
         """The numbers of frames one after the other."""
-        rows = np.empty(sum(map(len, several)), several[0].rows.dtype)  # which concatenate would pack more tightly
-        return FitNumbers(np.concatenate([each.rows for each in several], out=rows))
+        return FitNumbers(np.concatenate([each._whole for each in several]).view(several[0].rows.dtype))
 
     def picked(self, which: slice | np.ndarray) -> FitNumbers:
         """The numbers of some frames."""
@@ -97,7 +96,12 @@ class FitNumbers:
 
     def put(self, rows: slice | np.ndarray, part: FitNumbers) -> None:
         """Write the numbers of some frames into their rows."""
-        self.rows[rows] = part.rows
+        self._whole[rows] = part._whole
+
+    @property
+    def _whole(self) -> np.ndarray:
+        """The structures as bytes: NumPy would copy their fields one by one."""
+        return self.rows.view(np.dtype((np.void, self.rows.dtype.itemsize)))
 
 
 @lru_cache

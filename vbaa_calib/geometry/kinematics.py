@@ -14,6 +14,7 @@ from vbaa_calib.core.errors import InputError
 
 from .pose import Pose
 
+_MOST_KEPT = 64  # readings of which the pose is kept for the next who asks
 _STEP = 1e-5  # finite-difference step of skew, offset and zero, rad or m
 
 
@@ -115,15 +116,18 @@ class Kinematics:
     def world_antenna(self, pan_rad: ArrayLike, tilt_rad: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """Rotations (B, 3, 3) and translations (B, 3) of `T_world_antenna` at many readings (B,)."""
         pan_rad, tilt_rad = np.asarray(pan_rad, float), np.asarray(tilt_rad, float)
-        if pan_rad.size == tilt_rad.size == 1 and pan_rad.shape == tilt_rad.shape:
+        if 0 < pan_rad.size <= _MOST_KEPT and pan_rad.shape == tilt_rad.shape:
             return self._once(pan_rad.tobytes(), tilt_rad.tobytes(), pan_rad.shape)
         return self._carried(pan_rad, tilt_rad)
 
-    @lru_cache(maxsize=64)  # noqa: B019 -- a stream asks several times for the same picture's
+    @lru_cache(maxsize=64)  # noqa: B019 -- a stream asks several times for the same pictures'
     def _once(self, pan: bytes, tilt: bytes, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-        """Rotation and translation at one reading, repeated to that shape; cached by its bytes, as −0 equals 0."""
-        found = self._carried(*(np.frombuffer(each)[0] for each in (pan, tilt)))
-        rotation, translation = (each.reshape(*shape, *each.shape) for each in found)
+        """Rotations and translations at a few readings, in that shape; cached by their bytes, as −0 equals 0."""
+        angles = (np.frombuffer(each) for each in (pan, tilt))
+        found = self._carried(*(each[0] if len(each) == 1 else each for each in angles))
+        rotation, translation = (
+            each.reshape(*shape, *each.shape[-width:]) for each, width in zip(found, (2, 1), strict=True)
+        )
         rotation.flags.writeable = translation.flags.writeable = False
         return rotation, translation
 

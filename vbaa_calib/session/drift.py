@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from types import MappingProxyType
 from typing import Annotated
 
@@ -66,7 +67,7 @@ class Drift:
     hourly: Annotated[float, Within(ge=0, le=100)] = 0.0
     zero_hourly: Annotated[float, Within(ge=0, le=1e4)] = 0.0
 
-    @property
+    @cached_property
     def of_rig(self) -> bool:
         return any(getattr(self, each.name) for each in fields(self) if each.name not in _OF_FRAMES)
 

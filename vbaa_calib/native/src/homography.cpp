@@ -112,8 +112,7 @@ Homography least_median(ConstMatrix points, ConstMatrix image, const Columns& co
 
 // The homography of least algebraic error over the points (N, 2) within the limit.
 Homography least_squares(ConstMatrix points, ConstMatrix image, const std::vector<double>& distances, double limit) {
-    Array<double, 2> scatter(9, 9), vectors(9, 9);
-    Array<double, 1> values(9);
+    double scatter[9][9] = {}, values[9], vectors[9][9];
     for (int n = 0; n < points.shape[0]; ++n) {
         if (!(distances[n] <= limit)) continue;
         const double x = points(n, 0), y = points(n, 1);
@@ -122,12 +121,12 @@ Homography least_squares(ConstMatrix points, ConstMatrix image, const std::vecto
             row[3 * axis] = x, row[3 * axis + 1] = y, row[3 * axis + 2] = 1.0;
             row[6] = -image(n, axis) * x, row[7] = -image(n, axis) * y, row[8] = -image(n, axis);
             for (int i = 0; i < 9; ++i)
-                for (int j = 0; j < 9; ++j) scatter(i, j) += row[i] * row[j];
+                for (int j = 0; j < 9; ++j) scatter[i][j] += row[i] * row[j];
         }
     }
     symmetric_eigen(scatter, values, vectors);
     Homography found;
-    for (int i = 0; i < 9; ++i) found.m[i / 3][i % 3] = vectors(i, 0);
+    for (int i = 0; i < 9; ++i) found.m[i / 3][i % 3] = vectors[i][0];
     return found;
 }
 

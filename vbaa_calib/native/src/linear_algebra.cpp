@@ -79,11 +79,11 @@ void add_block_of_products(ConstMatrix columns, ConstMatrix product, int a, cons
 }
 
 // The rotation that makes one pair of entries zero.
-void rotate(Matrix matrix, Matrix vectors, int a, int b) {
-    const double off_diagonal = matrix(a, b);
-    const int size = matrix.shape[0];
+template <int SIZE>
+void rotate(double (&matrix)[SIZE][SIZE], double (&vectors)[SIZE][SIZE], int a, int b) {
+    const double off_diagonal = matrix[a][b];
     if (off_diagonal == 0.0) return;
-    const double half = (matrix(b, b) - matrix(a, a)) / (2.0 * off_diagonal);
+    const double half = (matrix[b][b] - matrix[a][a]) / (2.0 * off_diagonal);
     const double size_of_tangent = 1.0 / (std::abs(half) + std::sqrt(1.0 + half * half));
     const double tangent = half < 0.0 ? -size_of_tangent : size_of_tangent;
     const double cos = 1.0 / std::sqrt(1.0 + tangent * tangent), sin = tangent * cos;
@@ -92,9 +92,9 @@ void rotate(Matrix matrix, Matrix vectors, int a, int b) {
         first = cos * before - sin * second;
         second = sin * before + cos * second;
     };
-    for (int k = 0; k < size; ++k) turn(matrix(k, a), matrix(k, b));
-    for (int k = 0; k < size; ++k) turn(matrix(a, k), matrix(b, k));
-    for (int k = 0; k < size; ++k) turn(vectors(k, a), vectors(k, b));
+    for (int k = 0; k < SIZE; ++k) turn(matrix[k][a], matrix[k][b]);
+    for (int k = 0; k < SIZE; ++k) turn(matrix[a][k], matrix[b][k]);
+    for (int k = 0; k < SIZE; ++k) turn(vectors[k][a], vectors[k][b]);
 }
 
 }  // namespace
@@ -161,31 +161,35 @@ void add_inner_products(ConstMatrix columns, ConstMatrix product, const std::vec
     }
 }
 
-void symmetric_eigen(Matrix matrix, Vector values, Matrix vectors) {
-    const int size = values.shape[0];
-    fill(vectors, 0.0);
-    for (int a = 0; a < size; ++a) vectors(a, a) = 1.0;
+template <int SIZE>
+void symmetric_eigen(double (&matrix)[SIZE][SIZE], double (&values)[SIZE], double (&vectors)[SIZE][SIZE]) {
+    std::fill_n(vectors[0], SIZE * SIZE, 0.0);
+    for (int a = 0; a < SIZE; ++a) vectors[a][a] = 1.0;
     for (int sweep = 0; sweep < SWEEPS; ++sweep) {
         double off_diagonal = 0.0, diagonal = 0.0;
-        for (int a = 0; a < size; ++a) {
-            diagonal += matrix(a, a) * matrix(a, a);
-            for (int b = 0; b < a; ++b) off_diagonal += matrix(a, b) * matrix(a, b);
+        for (int a = 0; a < SIZE; ++a) {
+            diagonal += matrix[a][a] * matrix[a][a];
+            for (int b = 0; b < a; ++b) off_diagonal += matrix[a][b] * matrix[a][b];
         }
         if (!(off_diagonal > 1e-36 * diagonal)) break;
-        for (int a = 0; a < size - 1; ++a) {
-            for (int b = a + 1; b < size; ++b) rotate(matrix, vectors, a, b);
+        for (int a = 0; a < SIZE - 1; ++a) {
+            for (int b = a + 1; b < SIZE; ++b) rotate(matrix, vectors, a, b);
         }
     }
-    for (int a = 0; a < size; ++a) values[a] = matrix(a, a);
-    for (int a = 0; a < size - 1; ++a) {
+    for (int a = 0; a < SIZE; ++a) values[a] = matrix[a][a];
+    for (int a = 0; a < SIZE - 1; ++a) {
         int least = a;
-        for (int b = a + 1; b < size; ++b) {
+        for (int b = a + 1; b < SIZE; ++b) {
             if (values[b] < values[least]) least = b;
         }
         if (least == a) continue;
         std::swap(values[a], values[least]);
-        for (int k = 0; k < size; ++k) std::swap(vectors(k, a), vectors(k, least));
+        for (int k = 0; k < SIZE; ++k) std::swap(vectors[k][a], vectors[k][least]);
     }
 }
+
+template void symmetric_eigen(double (&)[3][3], double (&)[3], double (&)[3][3]);
+template void symmetric_eigen(double (&)[4][4], double (&)[4], double (&)[4][4]);
+template void symmetric_eigen(double (&)[9][9], double (&)[9], double (&)[9][9]);
 
 }  // namespace vbaa

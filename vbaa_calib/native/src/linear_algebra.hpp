@@ -55,7 +55,9 @@ void solve_many(ConstMatrix factor, ConstVector scale, int size, Matrix sides, b
 // Adds the upper triangle of columnsᵀ · product, both (M, K), to one (K, K): of some vectors of columns, in order.
 void add_inner_products(ConstMatrix columns, ConstMatrix product, const std::vector<int>& vectors, Matrix total);
 
-// Eigenvalues (K,), lowest first, and eigenvectors, the columns (K, K), by Jacobi's rotations. Spoils the matrix.
-void symmetric_eigen(Matrix matrix, Vector values, Matrix vectors);
+// Eigenvalues, lowest first, and eigenvectors, the columns, by Jacobi's rotations; of 3, 4 or 9 rows. Spoils the
+// matrix.
+template <int SIZE>
+void symmetric_eigen(double (&matrix)[SIZE][SIZE], double (&values)[SIZE], double (&vectors)[SIZE][SIZE]);
 
 }  // namespace vbaa

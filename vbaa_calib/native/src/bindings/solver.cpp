@@ -1,6 +1,7 @@
 // The fit of frames. Arrays come as fields of Python's own objects (`RigArrays`, `Frames`, `FitNumbers`, …), by name.
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/tuple.h>
+#include <atomic>
 
 #include <algorithm>
 #include <limits>
@@ -64,7 +65,9 @@ solver::Camera camera_of(nb::handle object, int pose_at, int lens_at) {
 
 // The core's rig from `RigArrays`; `cameras` keeps its lenses alive.
 Rig rig_of(nb::handle object, const nb::tuple& cameras) {
+    static std::atomic<int> made = 0;
     Rig rig = {};
+    rig.made = made++;
     require(cameras.size() > 0, "a rig has a camera");
     read_numbers(object, "length_m", rig.length_m, "radius_m", rig.radius_m, "friction_rad", rig.friction_rad,
                  "force_unit_N", rig.force_unit_N, "unit_load", rig.unit_load, "tip_offset_m", rig.tip_offset_m,
@@ -495,8 +498,9 @@ auto accelerations(InVector time_s, InCube points, InMatrix sigma, Numpy<const s
     auto second = room<double>(asked, pieces, 3), deviation = room<double>(asked, pieces, 3);
     auto response = room<double>(asked);
     Released released;
-    solver::accelerations(view(time_s), view(points), view(sigma), view(judged), view(mode_rad_s), longest_s, most,
-                          live, view(second), view(deviation), view(response));
+    solver::accelerations({view(time_s), view(points), view(sigma)},
+                          {view(judged), view(mode_rad_s), longest_s, most, live},
+                          {view(second), view(deviation), view(response)});
     return std::make_tuple(second, deviation, response);
 }
 

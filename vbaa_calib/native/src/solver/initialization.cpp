@@ -216,8 +216,24 @@ void free_antenna(const Rig& rig, const Frame& frame, Fit& fit, Work& work) {
     fit.unknowns = {FREE};
     fit.scatter = 1.0;
     fill(fit.steps.view(), 0.0);
-    predict(rig, frame, REFERENCE, work.bent, fit, false);
-    rig_jacobian(rig, frame, LINEAR, work.bent, fit);
+    FreeKey& known = work.known;
+    if (&fit != &work.free || rig.with_tip || !known.is_of(rig, frame)) {
+        predict(rig, frame, REFERENCE, work.bent, fit, false);
+        known.made = rig.made;
+        std::copy_n(frame.gravity_m_s2, 3, known.gravity_m_s2);
+        std::copy_n(frame.available, READINGS, known.available);
+        const ClampWrench wrench = clamp_wrench(rig, frame, work.bent, 0);
+        for (int reading = 0; reading < rig.readings; ++reading) {
+            known.readings[reading] = read_by(rig.by_wrench[reading], wrench);
+        }
+        rig_jacobian(rig, frame, LINEAR, work.bent, fit);
+    } else {
+        for (int reading = 0; reading < rig.readings; ++reading) {
+            if (reading == END) continue;
+            const double off = frame.reading[reading] / rig.std[reading] - known.readings[reading];
+            fit.predicted_residual[reading] = off * frame.available[reading];
+        }
+    }
     feet_along_chord(rig, frame, fit);
     point_residuals(rig, frame, fit);
     std::copy_n(fit.predicted_residual, READINGS, fit.residual);

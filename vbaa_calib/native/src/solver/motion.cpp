@@ -69,47 +69,54 @@ double orthonormal(const Neighbours& near, ConstVector time_s, int degree, doubl
 
 }  // namespace
 
-void accelerations(ConstVector time_s, ConstCube points, ConstMatrix sigma, View<const std::int64_t, 1> judged,
-                   ConstVector mode_rad_s, double longest_s, int most, bool live, Cube second, Cube deviation,
-                   Vector response) {
+void accelerations(const Moved& moved, const JudgedFrames& judged, const Accelerations& found) {
     constexpr double NOT_KNOWN = std::numeric_limits<double>::quiet_NaN();
-    const int pieces = points.shape[1];
-    Array<double, 2> powers(PATH + 1, 2 * most + 1);
-    fill(second, NOT_KNOWN);
-    fill(deviation, NOT_KNOWN);
-    fill(response, NOT_KNOWN);
-    for (int r = 0; r < judged.size(); ++r) {
-        const int centre = static_cast<int>(judged[r]);
-        const Neighbours near = neighbours_of(time_s, centre, QUARTER / mode_rad_s[r], longest_s, most, live);
+    const ConstVector time_s = moved.time_s;
+    const int pieces = moved.points.shape[1], wide = 3 * pieces;
+    Array<double, 2> powers(PATH + 1, 2 * judged.most + 1), parts(PATH + 1, wide);
+    Array<double, 1> squares(wide);
+    fill(found.second, NOT_KNOWN);
+    fill(found.deviation, NOT_KNOWN);
+    fill(found.response, NOT_KNOWN);
+    for (int r = 0; r < judged.frames.size(); ++r) {
+        const int centre = static_cast<int>(judged.frames[r]);
+        const double mode_rad_s = judged.mode_rad_s[r];
+        const Neighbours near =
+            neighbours_of(time_s, centre, QUARTER / mode_rad_s, judged.longest_s, judged.most, judged.live);
         if (!near.enough) continue;
         const int count = near.count(), first = near.first, degree = count >= TESTED ? PATH : 2;
         const double farthest_s = std::max(time_s[centre] - time_s[first], time_s[near.end - 1] - time_s[centre]);
         const double leading = orthonormal(near, time_s, degree, farthest_s, powers);
         const double scale = 2.0 / (farthest_s * farthest_s * leading);
         double seen = 0.0;
+        fill(parts.view(), 0.0);
+        fill(squares.view(), 0.0);
+        const double* here = &moved.points(centre, 0, 0);
         for (int w = 0; w < count; ++w) {
-            seen += powers(2, w) * std::cos(mode_rad_s[r] * (time_s[first + w] - time_s[centre]));
+            seen += powers(2, w) * std::cos(mode_rad_s * (time_s[first + w] - time_s[centre]));
+            const double* there = &moved.points(first + w, 0, 0);
+            for (int a = 0; a < wide; ++a) squares[a] += (there[a] - here[a]) * (there[a] - here[a]);
+            for (int k = 0; k <= degree; ++k) {
+                const double power = powers(k, w);
+                double* part = &parts(k, 0);
+                for (int a = 0; a < wide; ++a) part[a] += power * (there[a] - here[a]);
+            }
         }
-        response[r] = -scale * seen / (mode_rad_s[r] * mode_rad_s[r]);
+        found.response[r] = -scale * seen / (mode_rad_s * mode_rad_s);
         for (int g = 0; g < pieces; ++g) {
             double expected = 0.0, variance = 0.0;
             for (int w = 0; w < count; ++w) {
-                const double one = sigma(first + w, sigma.shape[1] > 1 ? g : 0), own = one * one;
+                const double one = moved.sigma(first + w, moved.sigma.shape[1] > 1 ? g : 0), own = one * one;
                 expected += own;
                 variance += powers(2, w) * powers(2, w) * own;
             }
             for (int axis = 0; axis < 3; ++axis) {
-                const auto moved = [&](int w) { return points(first + w, g, axis) - points(centre, g, axis); };
-                double squares = 0.0;
-                for (int w = 0; w < count; ++w) squares += moved(w) * moved(w);
-                for (int k = 0; k <= degree; ++k) {
-                    double part = 0.0;
-                    for (int w = 0; w < count; ++w) part += powers(k, w) * moved(w);
-                    squares -= part * part;
-                    if (k == 2) second(r, g, axis) = scale * part;
-                }
-                const double scatter = count >= TESTED ? squares * count / (expected * (count - PATH - 1.0)) : 1.0;
-                deviation(r, g, axis) = scale * std::sqrt(variance * std::max(scatter, 1.0));
+                const int a = 3 * g + axis;
+                double left = squares[a];
+                for (int k = 0; k <= degree; ++k) left -= parts(k, a) * parts(k, a);
+                const double scatter = count >= TESTED ? left * count / (expected * (count - PATH - 1.0)) : 1.0;
+                found.second(r, g, axis) = scale * parts(2, a);
+                found.deviation(r, g, axis) = scale * std::sqrt(variance * std::max(scatter, 1.0));
             }
         }
     }

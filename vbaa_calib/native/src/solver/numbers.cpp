@@ -75,7 +75,7 @@ void add_bows(const Rig& rig, const Unknowns& unknowns, const Uncertainty& found
             if (a < 3 && b < 3) part[a][b] = found.covariance[a][b];
         }
     }
-    symmetric_eigen(view(part), view(sizes), view(axes));
+    symmetric_eigen(part, sizes, axes);
     std::array<double, 6> middle = {};
     add_touch_of_beam(rig, {unknowns[0], unknowns[1], unknowns[2]}, -2.0, middle);
     for (int k = 0; k < 3; ++k) {

@@ -1,6 +1,7 @@
 // What the fit of a frame works on: rig, frame, fit, uncertainty and scratch room.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <vector>
 
@@ -70,6 +71,7 @@ struct Rig {
     // whether the rig knows the antenna's end, reads more than the moment about y, and the lens' uncertainty
     bool with_tip, with_wrench, with_lens;
     int readings;  // how many of READINGS are in use: USUAL_READINGS or all
+    int made;      // how many rigs were made before: each has another number
     std::vector<Camera> cameras;
     antenna::Taper taper;
     Array<double, 2> unit_deflection;  // (NODES, GRID) of a free antenna's nodes by unit forces at the grid's distances
@@ -232,10 +234,23 @@ struct alignas(LANES * sizeof(double)) Bent {
     explicit Bent(const Rig& rig);
 };
 
+// What a free antenna looks like depends on: which rig's it is, under which gravity, and what it is read by; and what
+// is read of it, in σ. Frames one after the other mostly have the same.
+struct FreeKey {
+    int made = -1;
+    double gravity_m_s2[3] = {}, available[READINGS] = {}, readings[READINGS] = {};
+
+    bool is_of(const Rig& rig, const Frame& frame) const {
+        return made == rig.made && std::equal(gravity_m_s2, gravity_m_s2 + 3, frame.gravity_m_s2) &&
+               std::equal(available, available + READINGS, frame.available);
+    }
+};
+
 // Scratch room for one frame at a time.
 struct Work {
     Bent bent;
     Fit free;                                      // the free antenna
+    FreeKey known;                                 // its
     Fit best, found;                               // of the frame's minima
     Fit other;                                     // for whatever is done at the moment
     State kept;                                    // lowest of a descent

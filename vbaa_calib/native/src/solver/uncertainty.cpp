@@ -172,7 +172,7 @@ void uncertainty(const Fit& fit, Uncertainty& found, Work& work) {
     for (int a = 0; a < UNKNOWNS; ++a) {
         for (int b = 0; b < UNKNOWNS; ++b) own[a][b] *= scale[a] * scale[b];
     }
-    symmetric_eigen(view(own), view(values), view(vectors));
+    symmetric_eigen(own, values, vectors);
     if (!(values[0] > values[UNKNOWNS - 1] / SINGULAR)) return;
     for (int a = 0; a < UNKNOWNS; ++a) {
         for (int b = 0; b < UNKNOWNS; ++b) {
@@ -226,7 +226,7 @@ void widen_by_profile(const Rig& rig, const Frame& frame, int rung, const Fit& f
     for (int a = 0; a < UNKNOWNS; ++a) {
         for (int b = 0; b < UNKNOWNS; ++b) unit[a][b] = found.covariance[a][b] / (sigma[a] * sigma[b]);
     }
-    symmetric_eigen(view(unit), view(values), view(vectors));
+    symmetric_eigen(unit, values, vectors);
     double wider = 1.0;
     Fit& there = work.other;
     for (double far : PROFILE_STEPS) {
