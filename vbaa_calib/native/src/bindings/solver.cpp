@@ -268,7 +268,7 @@ void solve(const nb::tuple& rigs_, nb::handle measured, int begin, int end, int 
         require(warm.size() == 0 || view(warm).shape == std::array{frames.size(), UNKNOWNS}, "warm must be (B, 4)");
         require(0 <= begin && end <= frames.size(), "begin and end must be frames");
         Released released;
-        solver::solve_frames(rigs, frames, begin, end, rung, view(warm), view(pieces_m), rows);
+        solver::solve_frames(rigs, frames, {begin, end, rung, view(warm), view(pieces_m)}, rows);
     };
     if (nb::isinstance<nb::tuple>(measured))
         solved(pixels_of(rigs.usual, nb::borrow<nb::tuple>(measured)));
@@ -367,7 +367,7 @@ nb::object fit_single(const Single& single, InMatrix points, const std::pair<dou
             pixels.points = line, pixels.sigma = &single.sigma_px;
             pixels.reading = {reading, {1, solver::READINGS - 1}}, pixels.tip = {tip, {1, 3}};
             pixels.gravity_m_s2 = view(gravity_m_s2);
-            solver::solve_frames(single.rigs, pixels, 0, 1, single.rung, {}, {}, numbers);
+            solver::solve_frames(single.rigs, pixels, {0, 1, single.rung, {}, {}}, numbers);
             numbers[0].rig_axes = single.axes;
             const solver::Judged judged = {{&status, {1}}, {&noticed, {1}}};
             solver::judge(numbers, single.limits, judged);
@@ -419,7 +419,7 @@ auto gradients(const Rig& rig, nb::handle frames_, int rung, InMatrix unknowns, 
     const solver::Gradients found = {view(by_points), view(by_readings), view(by_gravity), view(by_rig)};
     {
         Released released;
-        solver::gradients(rig, frames, rung, view(unknowns), view(scatter), view(at_tip), found);
+        solver::gradients(rig, frames, {rung, view(unknowns), view(scatter), view(at_tip)}, found);
     }
     return std::make_tuple(by_points, by_readings, by_gravity, by_rig);
 }

@@ -60,16 +60,15 @@ double along_sight(const Rig& rig, const Frame& frame, const Unknowns& unknowns)
 bool rough_minimum(const Rig& rig, const Few& few, const Unknowns& start, bool with_feet, Fit& rough) {
     few.work.most = few.work.evaluations + MOST_EVALUATIONS;
     rough.unknowns = start;
-    coarse_minimum(rig, few.frame, few.rung, rough, few.work, with_feet, 1.0, COARSE_ITERATIONS);
+    coarse_minimum({rig, few.frame, few.rung, few.work}, rough, with_feet, 1.0, COARSE_ITERATIONS);
     return rough.cost == rough.cost;
 }
 
-void try_start(const Rig& rig, const Frame& frame, int rung, const Unknowns& start, const Fit* rough, Fit& best,
-               Alternative& other, Work& work) {
-    Fit& found = work.found;
+void try_start(const Task& task, const Unknowns& start, const Fit* rough, Fit& best, Alternative& other) {
+    Fit& found = task.work.found;
     found.unknowns = start;
-    converge(rig, frame, rung, rough, found, work, false);
-    const double own = unscaled_cost(rig, best), cost = unscaled_cost(rig, found);
+    converge(task, rough, found, false);
+    const double own = unscaled_cost(task.rig, best), cost = unscaled_cost(task.rig, found);
     const bool better = found.converged && (cost < own || !best.converged);
     const double loser = better ? own : cost;
     if (best.converged && found.converged && different(best.unknowns, found.unknowns) && loser < other.cost) {
@@ -149,7 +148,7 @@ double nearest_shape(const Rig& exact, Frame frame, const Grid& grid, const Unkn
         const int k = again ? static_cast<int>(std::min_element(lefts.begin(), lefts.end()) - lefts.begin()) : turn;
         fit.unknowns = starts[k];
         if (turn == 1) std::fill_n(frame.available, READINGS, 0.0);
-        coarse_minimum(exact, frame, ELASTICA, fit, work, false, error.scatter, again ? MORE : FIRST);
+        coarse_minimum({exact, frame, ELASTICA, work}, fit, false, error.scatter, again ? MORE : FIRST);
         const double left = most_distance(exact, frame, fit, 1, unmoved);
         starts[k] = fit.unknowns;
         lefts[k] = again || left != left ? NEVER : left;
@@ -183,17 +182,17 @@ bool mirror_ambiguous(const Rig& rig, const Frame& frame, const Fit& fit) {
     return true;
 }
 
-void try_mirrors(const Rig& rig, const Frame& frame, const Few& few, int rung, Unknowns unknowns, Fit& best,
-                 Alternative& other, Work& work) {
+void try_mirrors(const Task& task, const Few& few, Unknowns unknowns, Fit& best, Alternative& other) {
+    const Rig& rig = task.rig;
     Fit& rough = few.work.other;
-    const auto& to_camera = rig.cameras[frame.seen_by].to_camera;
-    const double along = along_sight(rig, frame, unknowns), sway = tip_deflection(rig, unknowns[0]);
+    const auto& to_camera = rig.cameras[task.frame.seen_by].to_camera;
+    const double along = along_sight(rig, task.frame, unknowns), sway = tip_deflection(rig, unknowns[0]);
     const auto try_along = [&](double part) {
         Unknowns start = unknowns;
         for (int axis = 0; axis < 2; ++axis) start[1 + axis] += part * to_camera[axis];
         const bool known = rough_minimum(rig, few, start, false, rough);
         if (known && !different(best.unknowns, rough.unknowns)) return;
-        try_start(rig, frame, rung, known ? rough.unknowns : start, known ? &rough : nullptr, best, other, work);
+        try_start(task, known ? rough.unknowns : start, known ? &rough : nullptr, best, other);
     };
     for (double part : MIRRORED) try_along(part * along);
     for (double large : LARGE_DEFLECTIONS) try_along(large / sway - along);

@@ -23,8 +23,7 @@ bool rough_minimum(const Rig& rig, const Few& few, const Unknowns& start, bool w
 
 // Fits a frame from another start, and from a rough fit if that is there: the better fit is kept, the next best
 // remembered if it is different.
-void try_start(const Rig& rig, const Frame& frame, int rung, const Unknowns& start, const Fit* rough, Fit& best,
-               Alternative& other, Work& work);
+void try_start(const Task& task, const Unknowns& start, const Fit* rough, Fit& best, Alternative& other);
 
 // Whether two sets of unknowns are different contacts.
 bool different(const Unknowns& first, const Unknowns& second);
@@ -61,7 +60,6 @@ bool mirror_ambiguous(const Rig& rig, const Frame& frame, const Fit& fit);
 
 // Fits from contacts that may look like these unknowns: the mirror image, the least force that the picture asks for,
 // and forces that bend the antenna far before and behind the mirror.
-void try_mirrors(const Rig& rig, const Frame& frame, const Few& few, int rung, Unknowns unknowns, Fit& best,
-                 Alternative& other, Work& work);
+void try_mirrors(const Task& task, const Few& few, Unknowns unknowns, Fit& best, Alternative& other);
 
 }  // namespace vbaa::solver

@@ -44,8 +44,8 @@ void renew(const Rig& rig, const Frame& frame, Fit& fit, Work& work) {
 
 // The fit at its unknowns, with a rough fit's rig steps and derivatives by them, or else the rig as calibrated and its
 // derivatives for small deflections.
-void begin(const Rig& rig, const Frame& frame, int rung, const Fit* rough, Fit& fit, Work& work, bool with_feet,
-           double scatter) {
+void begin(const Task& task, const Fit* rough, Fit& fit, bool with_feet, double scatter) {
+    const auto& [rig, frame, rung, work] = task;
     fit.scatter = scatter;
     fit.converged = fit.at_tip = false;
     if (rough != nullptr) {
@@ -223,8 +223,9 @@ void try_tip(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work)
 
 }  // namespace
 
-void converge(const Rig& rig, const Frame& frame, int rung, const Fit* rough, Fit& fit, Work& work, bool with_feet) {
-    begin(rig, frame, rung, rough, fit, work, with_feet, 1.0);
+void converge(const Task& task, const Fit* rough, Fit& fit, bool with_feet) {
+    const auto& [rig, frame, rung, work] = task;
+    begin(task, rough, fit, with_feet, 1.0);
     descend(rig, frame, rung, {TOLERANCE, false}, fit, work);
     for (int turn = 0; turn < ROUNDS && moved_far(rig, work.slopes_at, fit.unknowns); ++turn) {
         evaluate_at(rig, frame, rung, true, fit, work);
@@ -242,7 +243,7 @@ void converge(const Rig& rig, const Frame& frame, int rung, const Fit* rough, Fi
 }
 
 bool converge_there(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work) {
-    begin(rig, frame, rung, nullptr, fit, work, true, 1.0);
+    begin({rig, frame, rung, work}, nullptr, fit, true, 1.0);
     fit.at_tip = true;
     descend(rig, frame, rung, {TOLERANCE, false}, fit, work);
     double scatter = scatter_of(rig, frame, fit);
@@ -263,10 +264,9 @@ void begin_search(Work& work) {
     work.most = std::max(work.most, granted);
 }
 
-void coarse_minimum(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work, bool with_feet, double scatter,
-                    int iterations) {
-    begin(rig, frame, rung, nullptr, fit, work, with_feet, scatter);
-    descend(rig, frame, rung, {COARSE_TOLERANCE, true, iterations}, fit, work);
+void coarse_minimum(const Task& task, Fit& fit, bool with_feet, double scatter, int iterations) {
+    begin(task, nullptr, fit, with_feet, scatter);
+    descend(task.rig, task.frame, task.rung, {COARSE_TOLERANCE, true, iterations}, fit, task.work);
 }
 
 Unknowns moved_unknowns(const Rig& rig, const Unknowns& unknowns, const double* step) {

@@ -24,7 +24,7 @@ constexpr double MOST_SCATTER = 5.0;
 //
 // What neither noise nor rig explains (a second contact, a kink) must not be fitted as if it were exact, nor must most
 // points count as outliers for it: such a frame is fitted again with the scatter of its points.
-void converge(const Rig& rig, const Frame& frame, int rung, const Fit* rough, Fit& fit, Work& work, bool with_feet);
+void converge(const Task& task, const Fit* rough, Fit& fit, bool with_feet);
 
 // The minimum at the fit's distance, with feet near the right ones; whether that explains the frame. A force that
 // hardly anything asks for leaves its distance open: a descent would wander along the antenna.
@@ -35,8 +35,7 @@ void begin_search(Work& work);
 
 // A rough minimum reached from the fit's unknowns and the rig as calibrated, the points scattering so many times more
 // than their noise.
-void coarse_minimum(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work, bool with_feet, double scatter,
-                    int iterations);
+void coarse_minimum(const Task& task, Fit& fit, bool with_feet, double scatter, int iterations);
 
 // Unknowns after a step (4,), taken straight in the clamp's moment: in the force its valley is bent.
 Unknowns moved_unknowns(const Rig& rig, const Unknowns& unknowns, const double* step);

@@ -143,8 +143,8 @@ Changes changes_by_gravity(const Rig& rig, const Frame& frame, int rung, const F
 
 }  // namespace
 
-void gradients(const Rig& rig, const Frames& frames, int rung, ConstMatrix unknowns, ConstVector scatter,
-               View<const bool, 1> at_tip, const Gradients& found) {
+void gradients(const Rig& rig, const Frames& frames, const Minima& minima, const Gradients& found) {
+    const auto& [rung, unknowns, scatter, at_tip] = minima;
     for (int index = 0; index < frames.size(); ++index) {
         const Frame frame = frame_of(rig, frames, index);
         Work work(rig, frame.count);

@@ -16,11 +16,17 @@ struct Gradients {
     Cube by_readings, by_gravity, by_rig;
 };
 
-// Of frames that converged on a rung at unknowns (B, 4), their points scattering (B,) times more than their σ.
+// Where frames converged on a rung: unknowns (B, 4), their points scattering (B,) times more than their σ.
+struct Minima {
+    int rung;
+    ConstMatrix unknowns;
+    ConstVector scatter;
+    View<const bool, 1> at_tip;
+};
+
 //
 // Residuals beyond HUBER pull alike wherever they lie, so nothing follows them. Second derivatives of the prediction
 // are left out as in Gauss–Newton: they are weighted by the residuals, with a mean near zero.
-void gradients(const Rig& rig, const Frames& frames, int rung, ConstMatrix unknowns, ConstVector scatter,
-               View<const bool, 1> at_tip, const Gradients& found);
+void gradients(const Rig& rig, const Frames& frames, const Minima& minima, const Gradients& found);
 
 }  // namespace vbaa::solver

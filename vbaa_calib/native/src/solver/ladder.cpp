@@ -95,8 +95,8 @@ class Room {
 
 // Rough minima on a rung, and the free antenna. `warm`, unknowns near the truth where finite, may take their place.
 // Without `always` a frame that may be free keeps the starts.
-Search begun(const Rig& rig, const Rig& exact, const Frame& frame, int rung, const Unknowns& warm, bool always,
-             Work& work, Room& room) {
+Search begun(const Task& task, const Rig& exact, const Unknowns& warm, bool always, Room& room) {
+    const auto& [rig, frame, rung, work] = task;
     free_antenna(rig, frame, work.free, work);
     Thinned some = thinned(frame, COARSE_POINTS);
     Grid grid = grid_search(rig, frame, work.free, some.every, work);
@@ -147,13 +147,14 @@ void search_lost(const Search& search, int rung, Alternative& other) {
     Work& work = search.work;
     Fit& best = work.best;
     if (!is_lost(best)) return;
-    try_start(rig, search.frame, rung, best.unknowns, nullptr, best, other, work);
+    const Task task = {rig, search.frame, rung, work};
+    try_start(task, best.unknowns, nullptr, best, other);
     if (!is_lost(best)) return;
     begin_search(work);
     Unknowns start;
     const double scatter = largest_error(rig, work.free, search.some.every).scatter;
     nearest_shape(search.exact, search.some.frame, search.grid, best.unknowns, {0.0, scatter}, start);
-    try_start(rig, search.frame, rung, start, nullptr, best, other, work);
+    try_start(task, start, nullptr, best, other);
 }
 
 // Whether the force stands out of its uncertainty in some direction across the antenna.
@@ -193,12 +194,13 @@ bool fit_on_rung(const Search& search, int rung, Uncertainty& found, Alternative
     } else {
         best.foot_m = work.free.foot_m;
     }
-    if (distinct || !converge_there(rig, frame, rung, best, work)) converge(rig, frame, rung, rough, best, work, true);
+    const Task task = {rig, frame, rung, work};
+    if (distinct || !converge_there(rig, frame, rung, best, work)) converge(task, rough, best, true);
     other = {best.unknowns, INFINITE};
     if (distinct) {
         for (int k = 1; k < STARTS; ++k) {
             if (!std::isfinite(search.costs[k])) continue;
-            try_start(rig, frame, rung, search.starts[k], search.rough[k], best, other, work);
+            try_start(task, search.starts[k], search.rough[k], best, other);
         }
         search_lost(search, rung, other);
     }
@@ -206,15 +208,14 @@ bool fit_on_rung(const Search& search, int rung, Uncertainty& found, Alternative
     const bool ambiguous = is_significant(best.unknowns, found) && mirror_ambiguous(rig, frame, best);
     if (ambiguous && best.converged && best.scatter <= WRONG_SHAPE) {
         const Unknowns before = best.unknowns;
-        try_mirrors(rig, frame, search.few, rung, before, best, other, work);
+        try_mirrors(task, search.few, before, best, other);
         // what turned out better has a mirror image of its own
-        if (different(before, best.unknowns))
-            try_mirrors(rig, frame, search.few, rung, best.unknowns, best, other, work);
+        if (different(before, best.unknowns)) try_mirrors(task, search.few, best.unknowns, best, other);
         uncertainty(best, found, work);
         const double least = MarginalSettings().worthless;
         bool read = false;
         for (int k = 0; k < rig.readings; ++k) read = read || (k != END && frame.available[k] > least);
-        if (!read && best.converged) marginalise(rig, frame, rung, best, other, found, marginal, work);
+        if (!read && best.converged) marginalise(task, best, other, found, marginal);
         if (!marginal.known) widen_by_profile(rig, frame, rung, best, found, work);
     }
     return ambiguous;
@@ -235,8 +236,8 @@ Fit& with_right_shapes(const Search& search, int rung) {
 void judge_rungs(const Search& search, int model, const Fit& problem, const Uncertainty& found, Findings& findings) {
     if (model == REFERENCE) return;
     double bias[REFERENCE + 1];
-    first_order_errors(search.rig, search.frame, findings.rung, search.work.best, problem, findings.errors,
-                       search.work);
+    first_order_errors({search.rig, search.frame, findings.rung, search.work}, search.work.best, problem,
+                       findings.errors);
     predicted_bias(findings.errors, found, bias);
     if (model == AUTO) {
         std::copy_n(bias, REFERENCE + 1, findings.bias);
@@ -248,10 +249,13 @@ void judge_rungs(const Search& search, int model, const Fit& problem, const Unce
 }
 
 // One frame on a rung, by default on the highest: then also which one would have been good enough.
-void solve_frame(const Rig& rig, const Rig& exact, const Frame& frame, int model, const Unknowns& warm,
-                 ConstVector pieces_m, Numbers& numbers, Uncertainty& found, Work& work, Room& room) {
+void solve_frame(const Task& asked, const Rig& exact, const Unknowns& warm, ConstVector pieces_m, Numbers& numbers,
+                 Room& room) {
+    const auto& [rig, frame, model, work] = asked;
     const int rung = model == AUTO ? REFERENCE : model;
-    const Search search = begun(rig, exact, frame, std::min<int>(rung, ELASTICA), warm, false, work, room);
+    const Task task = {rig, frame, rung, work};
+    const Search search = begun({rig, frame, std::min<int>(rung, ELASTICA), work}, exact, warm, false, room);
+    Uncertainty found(rig.steps());
     Findings findings;
     findings.rung = findings.needed = rung;
     std::fill_n(findings.bias, REFERENCE + 1, NOT_KNOWN);
@@ -260,7 +264,7 @@ void solve_frame(const Rig& rig, const Rig& exact, const Frame& frame, int model
     if (ended) {
         work.best.unknowns = findings.other.unknowns;
         findings.other.cost = INFINITE;
-        coarse_minimum(rig, frame, rung, work.best, work, false, MOST_SCATTER, 0);
+        coarse_minimum(task, work.best, false, MOST_SCATTER, 0);
         uncertainty(work.best, found, work);
     } else {
         findings.ambiguous = fit_on_rung(search, rung, found, findings.other, findings.marginal);
@@ -270,19 +274,19 @@ void solve_frame(const Rig& rig, const Rig& exact, const Frame& frame, int model
     findings.evidence = NOT_KNOWN;
     if (!ended) {
         const double distance_std = std::sqrt(found.covariance[0][0]);
-        findings.second = second_force(rig, frame, rung, work.best, problem, distance_std, work);
+        findings.second = second_force(task, work.best, problem, distance_std);
         findings.evidence = contact_evidence(rig, rung, work.best, problem, work);
     }
     findings.other.cost -= unscaled_cost(rig, work.best);
     findings.left_px = rig.cameras[frame.seen_by].focal * left;
-    write_numbers(rig, frame, found, findings, pieces_m, numbers, work);
+    write_numbers(task, found, findings, pieces_m, numbers);
 }
 
 }  // namespace
 
 template <class Measured>
-void solve_frames(const Rigs& rigs, const Measured& frames, int begin, int end, int rung, ConstMatrix warm,
-                  ConstVector pieces_m, View<Numbers, 1> numbers) {
+void solve_frames(const Rigs& rigs, const Measured& frames, const Demand& demand, View<Numbers, 1> numbers) {
+    const auto& [begin, end, rung, warm, pieces_m] = demand;
     thread_local Room room, few;  // a call with one frame would take longer to make them than for all else
     Unknowns start;
     start.fill(NOT_KNOWN);
@@ -293,17 +297,16 @@ void solve_frames(const Rigs& rigs, const Measured& frames, int begin, int end, 
             continue;
         }
         const Rig& rig = information_of(frame) > rigs.usual.most_information ? rigs.complete : rigs.usual;
-        Uncertainty found(rig.steps());
         Work& work = room.of(rig, frame.count);
         work.evaluations = work.most = 0;
         begin_search(work);
         if (warm.size()) std::copy_n(warm.row(index).data, UNKNOWNS, start.begin());
-        solve_frame(rig, rigs.exact, frame, rung, start, pieces_m, numbers[index], found, work, few);
+        solve_frame({rig, frame, rung, work}, rigs.exact, start, pieces_m, numbers[index], few);
     }
 }
 
-template void solve_frames(const Rigs&, const Frames&, int, int, int, ConstMatrix, ConstVector, View<Numbers, 1>);
-template void solve_frames(const Rigs&, const Pixels&, int, int, int, ConstMatrix, ConstVector, View<Numbers, 1>);
+template void solve_frames(const Rigs&, const Frames&, const Demand&, View<Numbers, 1>);
+template void solve_frames(const Rigs&, const Pixels&, const Demand&, View<Numbers, 1>);
 
 void rough_frames(const Rig& rig, const Frames& frames, Matrix unknowns, Cube points_m) {
     Unknowns warm;
@@ -312,7 +315,7 @@ void rough_frames(const Rig& rig, const Frames& frames, Matrix unknowns, Cube po
         const Frame frame = frame_of(rig, frames, index);
         Work work(rig, frame.count);
         Room few;
-        const Search search = begun(rig, rig, frame, LINEAR, warm, true, work, few);
+        const Search search = begun({rig, frame, LINEAR, work}, rig, warm, true, few);
         work.best.unknowns = search.starts[0];
         std::copy_n(search.starts[0].begin(), UNKNOWNS, unknowns.row(index).data);
         predict(rig, frame, LINEAR, work.bent, work.best, false);

@@ -14,12 +14,17 @@ struct Rigs {
     const Rig &usual, &complete, &exact;
 };
 
-// Fits the frames from `begin` to `end`, each by itself, on a rung or AUTO, into their `numbers`.
-// warm: (B, 4) unknowns near the truth where finite, or none. pieces_m: (PIECES,) arc lengths, if motion is tested,
-// else none. Of a frame with too few points only their number is written.
+// Frames from `begin` to `end`, on a rung or AUTO. warm: (B, 4) unknowns near the truth where finite, or none.
+// pieces_m: (PIECES,) arc lengths, if motion is tested, else none.
+struct Demand {
+    int begin, end, rung;
+    ConstMatrix warm;
+    ConstVector pieces_m;
+};
+
+// Fits these, each by itself, into their `numbers`. Of a frame with too few points only their number is written.
 template <class Measured>
-void solve_frames(const Rigs& rigs, const Measured& frames, int begin, int end, int rung, ConstMatrix warm,
-                  ConstVector pieces_m, View<Numbers, 1> numbers);
+void solve_frames(const Rigs& rigs, const Measured& frames, const Demand& demand, View<Numbers, 1> numbers);
 
 // Rough minima (B, 4) on a low rung, and the antennas' nodes there (B, M, 3), antenna frame.
 void rough_frames(const Rig& rig, const Frames& frames, Matrix unknowns, Cube points_m);

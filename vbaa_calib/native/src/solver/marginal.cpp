@@ -49,7 +49,8 @@ void fixed_step(const Fit& fit, Work& work) {
 }
 
 // The best fit with a fixed force along the line of sight, from one near it; false without one.
-bool reach(const Rig& rig, const Frame& frame, int rung, double along, double tolerance, Fit& fit, Work& work) {
+bool reach(const Task& task, double along, double tolerance, Fit& fit) {
+    const auto& [rig, frame, rung, work] = task;
     for (int round = 0; round < settings.most_rounds; ++round) {
         const double before = fit.cost;
         fix(rig, frame, along, fit);
@@ -107,8 +108,8 @@ Slice slice_of(const Rig& rig, const Frame& frame, Fit& fit, Work& work) {
 }
 
 // Places on one side of a fit, away from it.
-void sweep(const Rig& rig, const Frame& frame, int rung, const Fit& start, const Slice& middle, double step,
-           std::vector<Slice>& slices, Work& work) {
+void sweep(const Task& task, const Fit& start, const Slice& middle, double step, std::vector<Slice>& slices) {
+    const auto& [rig, frame, rung, work] = task;
     Fit &fit = work.other, &kept = work.found;
     fit = start;
     double most = middle.log_density, last = most, along = middle.along, deflected = along;
@@ -118,7 +119,7 @@ void sweep(const Rig& rig, const Frame& frame, int rung, const Fit& start, const
         const double target = std::min(std::max(along + step, -bound), bound);
         if (!((target - along) * step > 0.0)) return;
         kept = fit;
-        if (!reach(rig, frame, rung, target, settings.off_place * std::abs(step), fit, work)) return;
+        if (!reach(task, target, settings.off_place * std::abs(step), fit)) return;
         const Slice slice = slice_of(rig, frame, fit, work);
         if (!std::isfinite(slice.log_density)) return;
         const double change = std::abs(slice.log_density - last);
@@ -143,14 +144,14 @@ void sweep(const Rig& rig, const Frame& frame, int rung, const Fit& start, const
 }
 
 // Places about a fit, on both sides.
-void sweep_about(const Rig& rig, const Frame& frame, int rung, const Fit& start, double step,
-                 std::vector<Slice>& slices, Work& work) {
+void sweep_about(const Task& task, const Fit& start, double step, std::vector<Slice>& slices) {
+    const auto& [rig, frame, rung, work] = task;
     work.other = start;
     evaluate(rig, frame, rung, work.other, work);
     const Slice middle = slice_of(rig, frame, work.other, work);
     if (!std::isfinite(middle.log_density)) return;
     slices.push_back(middle);
-    for (double side : {1.0, -1.0}) sweep(rig, frame, rung, start, middle, side * step, slices, work);
+    for (double side : {1.0, -1.0}) sweep(task, start, middle, side * step, slices);
 }
 
 // Adds a part's values and covariance to the first and second moments of a whole.
@@ -194,8 +195,8 @@ void widen(ConstVector mean, ConstVector values, Matrix covariance) {
 
 }  // namespace
 
-void marginalise(const Rig& rig, const Frame& frame, int rung, Fit& best, const Alternative& other, Uncertainty& found,
-                 Marginal& marginal, Work& work) {
+void marginalise(const Task& task, Fit& best, const Alternative& other, Uncertainty& found, Marginal& marginal) {
+    const auto& [rig, frame, rung, work] = task;
     const auto& [e_y, e_z] = rig.cameras[frame.seen_by].to_camera;
     const double sway = tip_deflection(rig, best.unknowns[0]);
     const double variance = e_y * e_y * found.covariance[1][1] + 2.0 * e_y * e_z * found.covariance[1][2] +
@@ -206,7 +207,7 @@ void marginalise(const Rig& rig, const Frame& frame, int rung, Fit& best, const 
     work.most = MOST_EVALUATIONS + work.evaluations;
     Fit start = best;
     start.at_tip = false;
-    sweep_about(rig, frame, rung, start, step, slices, work);
+    sweep_about(task, start, step, slices);
     if (slices.size() < 3) return;
     const auto [low, high] = std::minmax_element(slices.begin(), slices.end(),
                                                  [](const Slice& a, const Slice& b) { return a.along < b.along; });
@@ -216,8 +217,8 @@ void marginalise(const Rig& rig, const Frame& frame, int rung, Fit& best, const 
         evaluate(rig, frame, rung, start, work);
         if (start.steps.size()) rig_jacobian(rig, frame, rung, work.bent, start);
         evaluate(rig, frame, rung, start, work);
-        if (reach(rig, frame, rung, there, settings.off_place * step, start, work)) {
-            sweep_about(rig, frame, rung, start, step, slices, work);
+        if (reach(task, there, settings.off_place * step, start)) {
+            sweep_about(task, start, step, slices);
         }
     }
     std::sort(slices.begin(), slices.end(), [](const Slice& a, const Slice& b) { return a.along < b.along; });

@@ -38,7 +38,6 @@ struct Marginal {
 // maxima, mirror images, and the distance changes along with it. The prior is what is known of pushes: all directions
 // across the antenna alike, and all sizes. `found` comes out with the covariance of the unknowns over all of these
 // forces.
-void marginalise(const Rig& rig, const Frame& frame, int rung, Fit& best, const Alternative& other, Uncertainty& found,
-                 Marginal& marginal, Work& work);
+void marginalise(const Task& task, Fit& best, const Alternative& other, Uncertainty& found, Marginal& marginal);
 
 }  // namespace vbaa::solver

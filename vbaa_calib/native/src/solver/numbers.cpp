@@ -141,8 +141,9 @@ void write_pieces(const Rig& rig, const Fit& fit, ConstVector pieces_m, Numbers&
 }
 
 // How far a load of 1 N/m on each piece, along y and z, would move the distance, in σ.
-void write_push(const Rig& rig, const Frame& frame, const Fit& fit, ConstVector pieces_m, double distance_std,
-                Numbers& numbers, Work& work) {
+void write_push(const Rig& rig, const Frame& frame, ConstVector pieces_m, double distance_std, Numbers& numbers,
+                Work& work) {
+    const Fit& fit = work.best;
     constexpr int FORCES = 2 * PIECES;
     const double width = rig.length_m / PIECES, unit = rig.unit_load / rig.force_unit_N * rig.length_m * width;
     double bent[NODES][PIECES], force_N[PIECES], lever[PIECES], readings[READINGS][FORCES];
@@ -153,7 +154,7 @@ void write_push(const Rig& rig, const Frame& frame, const Fit& fit, ConstVector 
         for (int g = 0; g < PIECES; ++g)
             bent[j][g] = unit * antenna::deflection(rig.taper, at, pieces_m[g] / rig.length_m);
     }
-    force_columns(rig, frame, fit, view(bent), view(force_N), view(lever), columns, view(readings));
+    force_columns(rig, frame, fit, {view(bent), view(force_N), view(lever)}, columns, view(readings));
     times_tridiagonal(fit, columns, weighted);
     factorise(fit.information, 0, fit.size, 0.0, work.factor, work.scale);
     // of each pull only the distance's answer is wanted: the first row of the inverse
@@ -245,8 +246,9 @@ double largest_jump(const Frame& frame, const Fit& fit, int clamp) {
 
 }  // namespace
 
-void write_numbers(const Rig& rig, const Frame& frame, const Uncertainty& found, const Findings& findings,
-                   ConstVector pieces_m, Numbers& numbers, Work& work) {
+void write_numbers(const Task& task, const Uncertainty& found, const Findings& findings, ConstVector pieces_m,
+                   Numbers& numbers) {
+    const auto& [rig, frame, rung, work] = task;
     const Fit& fit = work.best;
     const Marginal& marginal = findings.marginal;
     const Unknowns& unknowns = marginal.known ? marginal.mean : fit.unknowns;
@@ -310,7 +312,7 @@ void write_numbers(const Rig& rig, const Frame& frame, const Uncertainty& found,
     numbers.left_px = findings.left_px;
     if (pieces_m.size()) {
         write_pieces(rig, fit, pieces_m, numbers, work);
-        write_push(rig, frame, fit, pieces_m, distance_std, numbers, work);
+        write_push(rig, frame, pieces_m, distance_std, numbers, work);
     } else {
         fill(view(numbers.pieces_m), NOT_KNOWN);
         fill(view(numbers.pieces_std_m), NOT_KNOWN);

@@ -50,8 +50,8 @@ struct Findings {
 };
 
 // Writes a frame's fit. pieces_m: (PIECES,) arc lengths, or none.
-void write_numbers(const Rig& rig, const Frame& frame, const Uncertainty& found, const Findings& findings,
-                   ConstVector pieces_m, Numbers& numbers, Work& work);
+void write_numbers(const Task& task, const Uncertainty& found, const Findings& findings, ConstVector pieces_m,
+                   Numbers& numbers);
 
 // Angle between the deformation plane and the ray from the camera's centre to the contact, rad.
 // At 0 the camera's centre lies in that plane and the antenna looks straight however it bends.

@@ -14,9 +14,14 @@ namespace {
 constexpr double STEP = 1e-4;              // finite difference of each unknown
 constexpr double BEFORE_TIP = 1.0 - 1e-6;  // in antenna lengths: the last two nodes stay apart
 
+// A camera's picture of a curve: its nodes, their depths, and its slopes by arc length there.
+struct Nodes {
+    double u[NODES], v[NODES], depth[NODES], slope_u[NODES], slope_v[NODES];
+};
+
 // By how much the middle between a round antenna's edges lies off its axis: they are tangent to rays from the camera.
-void off_axis(const Rig& rig, double contact_m, const double* depth, const double* slope_u, const double* slope_v,
-              double* u, double* v) {
+void off_axis(const Rig& rig, double contact_m, Nodes& nodes) {
+    auto& [u, v, depth, slope_u, slope_v] = nodes;
     const double inner = contact_m / CONTACT, outer = (rig.length_m - contact_m) / NODES_BEYOND;
     for (int j = 0; j < NODES; ++j) {
         const double arc_m = j < CONTACT ? j * inner : contact_m + (j - CONTACT) * outer;
@@ -35,7 +40,9 @@ void off_axis(const Rig& rig, double contact_m, const double* depth, const doubl
 void curve(const Rig& rig, const Camera& camera, const Bent& bent, int clamp, Fit& fit) {
     const double inner = fit.contact_m / CONTACT, outer = (rig.length_m - fit.contact_m) / NODES_BEYOND;
     const auto& turn = camera.rotation;
-    double u[NODES], v[NODES], depth[NODES], normal_u[NODES], normal_v[NODES], slope_u[NODES], slope_v[NODES];
+    Nodes nodes;
+    auto& [u, v, depth, slope_u, slope_v] = nodes;
+    double normal_u[NODES], normal_v[NODES];
     for (int j = 0; j < NODES; ++j) {
         u[j] = bent.u(clamp + j, 0), v[j] = bent.v(clamp + j, 0), depth[j] = bent.depth(clamp + j, 0);
     }
@@ -58,7 +65,7 @@ void curve(const Rig& rig, const Camera& camera, const Bent& bent, int clamp, Fi
     std::copy_n(depth, NODES, &fit.depth[clamp]);
     std::copy_n(normal_u, NODES, &fit.normal_u[clamp]);
     std::copy_n(normal_v, NODES, &fit.normal_v[clamp]);
-    off_axis(rig, fit.contact_m, depth, slope_u, slope_v, u, v);
+    off_axis(rig, fit.contact_m, nodes);
     double* cubics = &fit.cubics(clamp, 0);
     for (int j = 0; j < LAST; ++j) {
         const double width = j < CONTACT ? inner : outer;

@@ -19,8 +19,8 @@ constexpr double OF_UNKNOWNS[LANES] = {1.0, 1.0, 1.0, 1.0};  // the columns of a
 static_assert(ANTENNA - PLACE <= BASE && UNKNOWNS == 4);
 
 // Raw derivatives by a camera's pose's tangent, of the fit's points in its picture from the clamp's node on.
-void by_pose(const Rig& rig, const Camera& camera, int clamp, const Frame& frame, Bent& bent, const Fit& fit,
-             const TipAxis& end) {
+void by_pose(const Rig& rig, int clamp, const Frame& frame, Bent& bent, const Fit& fit, const TipAxis& end) {
+    const Camera& camera = rig.cameras[clamp / NODES];
     const Lanes by_step = load(rig.by_pose_step);
     for (int k = 0; k < NODES; ++k) {
         const int j = clamp + k;
@@ -74,8 +74,8 @@ ClampWrench by_antenna(const Rig& rig, const Frame& frame, int rung, Bent& bent,
 }
 
 // Raw derivatives by where the clamp stands across the antenna frame's x axis: the whole antenna goes with it.
-void by_place(const Rig& rig, const Frame& frame, int rung, const ClampWrench& wrench, Bent& bent, const Fit& fit,
-              const TipAxis& end) {
+void by_place(const Rig& rig, const Frame& frame, int rung, const ClampWrench& wrench, Bent& bent, const Fit& fit) {
+    const TipAxis end = fitted_tip_axis(rig, frame, fit);
     const auto& turn = rig.cameras[frame.tip_clamp / NODES].rotation;
     const int tip = frame.tip_clamp + LAST;
     const Array<double, 2> image = point_jacobian(rig, fit);
@@ -229,12 +229,12 @@ void rig_derivatives(const Rig& rig, const Frame& frame, int rung, Bent& bent, c
     int clamp = 0;
     if (rig.cameras.size() > 1) fill(bent.raw_readings.row(END), 0.0);
     for (const Camera& camera : rig.cameras) {
-        by_pose(rig, camera, clamp, frame, bent, fit, end);
+        by_pose(rig, clamp, frame, bent, fit, end);
         if (rig.with_lens) by_lens(camera, clamp, frame, bent, fit, end);
         clamp += NODES;
     }
     const ClampWrench wrench = by_antenna(rig, frame, rung, bent, fit, end);
-    by_place(rig, frame, rung, wrench, bent, fit, end);
+    by_place(rig, frame, rung, wrench, bent, fit);
     if (rig.with_tip) bent.raw_readings(END, rig.tip_at) = end.per_m;
     by_sensor(rig, wrench, bent);
 }

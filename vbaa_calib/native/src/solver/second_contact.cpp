@@ -100,7 +100,7 @@ void small_forces(const Rig& rig, const Frame& frame, const Fit& fit, Forces& fo
         }
     }
     forces.columns = forces.weighted = Array<double, 2>(fit.nodes, FORCES);
-    force_columns(rig, frame, fit, view(bent), view(force_N), view(lever), forces.columns, view(forces.readings));
+    force_columns(rig, frame, fit, {view(bent), view(force_N), view(lever)}, forces.columns, view(forces.readings));
 }
 
 // Products of the forces with the residuals and the fit's columns, and what these explain.
@@ -160,8 +160,8 @@ SecondForce score_test(const Rig& rig, const Frame& frame, const Fit& fit, doubl
 
 }  // namespace
 
-SecondForce second_force(const Rig& rig, const Frame& frame, int rung, const Fit& fit, const Fit& problem,
-                         double distance_std, Work& work) {
+SecondForce second_force(const Task& task, const Fit& fit, const Fit& problem, double distance_std) {
+    const auto& [rig, frame, rung, work] = task;
     bool structured = fit.scatter > 1.0;
     for (int clamp = 0; clamp < fit.nodes; clamp += NODES) {
         structured = structured || structure(problem, clamp) > STRUCTURE;
@@ -172,8 +172,9 @@ SecondForce second_force(const Rig& rig, const Frame& frame, int rung, const Fit
     return score_test(rig, frame, work.other, distance_std, work);
 }
 
-void force_columns(const Rig& rig, const Frame& frame, const Fit& fit, ConstMatrix bent, ConstVector force_N,
-                   ConstVector lever, Matrix columns, Matrix readings) {
+void force_columns(const Rig& rig, const Frame& frame, const Fit& fit, const Pushes& pushes, Matrix columns,
+                   Matrix readings) {
+    const auto& [bent, force_N, lever] = pushes;
     const int places = lever.size();
     const Array<double, 2> image = point_jacobian(rig, fit);
     for (int j = 0; j < fit.nodes; ++j) {

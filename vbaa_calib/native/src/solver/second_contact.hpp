@@ -13,12 +13,17 @@ struct SecondForce {
 
 // What the best second force would do to a frame. problem: the fit with the residuals of the highest rung, which has
 // the exact shapes, and their sums.
-SecondForce second_force(const Rig& rig, const Frame& frame, int rung, const Fit& fit, const Fit& problem,
-                         double distance_std, Work& work);
+SecondForce second_force(const Task& task, const Fit& fit, const Fit& problem, double distance_std);
 
-// What forces along y and z at G places do: displacement (M, 2 G), and what is read (READINGS, 2 G), in σ.
-// bent: (M, G) how far each deflects the antenna, m. force_N, lever: (G,) each, and its moment at the clamp, N·m.
-void force_columns(const Rig& rig, const Frame& frame, const Fit& fit, ConstMatrix bent, ConstVector force_N,
-                   ConstVector lever, Matrix columns, Matrix readings);
+// Forces at G places. bent: (M, G) how far each deflects the antenna, m. force_N, lever: (G,) each, and its moment at
+// the clamp, N·m.
+struct Pushes {
+    ConstMatrix bent;
+    ConstVector force_N, lever;
+};
+
+// What these along y and z do: displacement (M, 2 G), and what is read (READINGS, 2 G), in σ.
+void force_columns(const Rig& rig, const Frame& frame, const Fit& fit, const Pushes& pushes, Matrix columns,
+                   Matrix readings);
 
 }  // namespace vbaa::solver

@@ -264,6 +264,14 @@ struct Work {
     Work(const Rig& rig, int points);
 };
 
+// A frame that is fitted on a rung, and the room for it.
+struct Task {
+    const Rig& rig;
+    const Frame& frame;
+    int rung;
+    Work& work;
+};
+
 // Distances of the grid, what unit forces there do, and what the best forces explain.
 struct Grid {
     double distance[GRID];   // antenna lengths

@@ -23,12 +23,13 @@ constexpr double BEYOND_DOUBT = 100.0;
 constexpr double SINGULAR = 1e14;
 
 // Changes of what is observed and found: along the normals (M, ·), of the readings in σ (READINGS, ·), of contact point
-// and force (6, ·); a column for each row of Errors.
+// and force (6, ·); a column for each row of Errors. sign : with which what other shapes say, less the fit's, counts.
 struct Changes {
+    double sign;
     Array<double, 2> shift;
     double reading[READINGS][LANES] = {}, touch[6][LANES] = {};
 
-    explicit Changes(int nodes) : shift(nodes, LANES) {}
+    Changes(double way, int nodes) : sign(way), shift(nodes, LANES) {}
 };
 
 // What the rig's steps do for a known contact, and how they go with it; gives what they make of the readings'
@@ -84,8 +85,8 @@ void reading_std(const Fit& fit, const std::array<double, READINGS>& fitted, Unc
 }
 
 // What another shape of the antenna says, less the fit's, into a column.
-void compare(const Rig& rig, const Frame& frame, const Fit& fit, const Bent& bent, int column, double sign,
-             Changes& changes) {
+void compare(const Rig& rig, const Frame& frame, const Fit& fit, const Bent& bent, int column, Changes& changes) {
+    const double sign = changes.sign;
     for (int j = 0; j < fit.nodes; ++j) {
         const double u = bent.u(j, 0) - fit.u[j], v = bent.v(j, 0) - fit.v[j];
         changes.shift(j, column) = sign * (u * fit.normal_u[j] + v * fit.normal_v[j]);
@@ -125,12 +126,12 @@ Array<double, 2> linear_shifts(const Fit& fit, const Changes& changes, Work& wor
 // The changes that other rungs' shapes, or friction, would make at the fit's unknowns.
 Changes changes_by_shape(const Rig& rig, const Frame& frame, int rung, const Fit& fit, const Fit& reference,
                          Bent& bent) {
-    Changes changes(fit.nodes);
+    Changes changes(rung == REFERENCE ? -1.0 : 1.0, fit.nodes);
     lay(rig, bent, fit.unknowns);
     if (rung == REFERENCE) {
         for (int lower = 0; lower < REFERENCE; ++lower) {
             bend_and_see(rig, frame, lower, bent, false);
-            compare(rig, frame, fit, bent, lower, -1.0, changes);
+            compare(rig, frame, fit, bent, lower, changes);
         }
         if (!(rig.friction_rad > 0.0)) return changes;
         constexpr int FRICTION = UNKNOWNS - 1;
@@ -140,11 +141,11 @@ Changes changes_by_shape(const Rig& rig, const Frame& frame, int rung, const Fit
         return changes;
     }
     bend_and_see(rig, frame, REFERENCE, bent, false);
-    compare(rig, frame, fit, bent, rung, 1.0, changes);
+    compare(rig, frame, fit, bent, rung, changes);
     if (rung < ELASTICA && rig.friction_rad > 0.0) {
         store(bent.friction_rad, spread((fit.unknowns[UNKNOWNS - 1] + 1.0) * rig.friction_rad));
         bend_and_see(rig, frame, REFERENCE, bent, false);
-        compare(rig, frame, reference, bent, BY_FRICTION, 1.0, changes);
+        compare(rig, frame, reference, bent, BY_FRICTION, changes);
     }
     return changes;
 }
@@ -250,8 +251,8 @@ void widen_by_profile(const Rig& rig, const Frame& frame, int rung, const Fit& f
     for (double& each : view(found.covariance)) each *= wider;
 }
 
-void first_order_errors(const Rig& rig, const Frame& frame, int rung, const Fit& fit, const Fit& reference,
-                        Errors& errors, Work& work) {
+void first_order_errors(const Task& task, const Fit& fit, const Fit& reference, Errors& errors) {
+    const auto& [rig, frame, rung, work] = task;
     const Changes changes = changes_by_shape(rig, frame, rung, fit, reference, work.bent);
     const Array<double, 2> moved = linear_shifts(fit, changes, work);
     for (int row = 0; row <= BY_FRICTION; ++row) {

@@ -31,8 +31,7 @@ void widen_by_profile(const Rig& rig, const Frame& frame, int rung, const Fit& f
 
 // First-order errors: of a fit on the highest rung those of all rungs, else its own and friction's. Contact point and
 // force are moved with the unknowns. reference: the highest rung's prediction at the fit's unknowns.
-void first_order_errors(const Rig& rig, const Frame& frame, int rung, const Fit& fit, const Fit& reference,
-                        Errors& errors, Work& work);
+void first_order_errors(const Task& task, const Fit& fit, const Fit& reference, Errors& errors);
 
 // Each rung's bias from `first_order_errors`: the largest of distance, f_y and f_z, in σ. On rungs without friction,
 // also by one σ of friction. Infinite where the σ are not known.
