@@ -87,3 +87,13 @@ def test_a_rod_that_another_crosses_is_found_between_its_ends() -> None:
     line, other = bow(), np.array([[150.0, -20.0], [200.0, 420.0]])
     picture = painted([(line, 9.0, (230, 230, 230)), (other, 36.0, (40, 60, 160))])
     assert apart(search_rod(picture, np.array([2.0, 130.0]), line[-1]).line(), line) < 1.0
+
+
+def test_a_rod_of_two_colours_along_it_is_one_rod() -> None:
+    line = bow()
+    across = np.gradient(line, axis=0)[:, ::-1] * [-1.0, 1.0]
+    across /= np.hypot(*across.T)[:, None]
+    halves = [(line + side * 4.0 * across, 8.0, colour) for side, colour in ((1, (40, 200, 220)), (-1, (60, 110, 20)))]
+    found = search_rod(painted(halves)).line()
+    assert apart(found, line) < 1.0
+    assert found.width_px == pytest.approx(16.0, abs=2.0)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 
 import cv2
 import numpy as np
@@ -313,11 +314,10 @@ class _MeasuredRod:
         return self.gap_px is None and self.has_edges(settings) and self.parts["mean"] > settings.least_mean_clear
 
     def is_clear(self, settings: RodSettings) -> bool:
-        """Whether the line has both its edges, in a hue of its own, but where something crosses it, and does not bend
-        there."""
-        edges, shadow, turn = settings.clear
-        parts = self.parts
-        return parts["edges"] > edges and parts["shadow"] < shadow and parts["unseen_turn"] < turn
+        """Whether the line does not bend where nothing of it is seen, or hardly if it may go over to its shadow: a rod
+        that others cross goes straight on."""
+        _, shadow, turn = settings.clear
+        return self.parts["unseen_turn"] < (turn if self.parts["shadow"] < shadow else 0.5 * turn)
 
     def has_edges(self, settings: RodSettings) -> bool:
         """Whether nearly all its stations have both edges."""
@@ -325,8 +325,9 @@ class _MeasuredRod:
 
     @property
     def straight_mean(self) -> float:
-        """Mean evidence along the line, less half its winding: a path that goes over to another line winds."""
-        return self.parts["mean"] - 0.5 * self.parts["winding"]
+        """Mean evidence along the line, less half its winding and its bend where nothing of it is seen: a path that
+        goes over to another line has both."""
+        return self.parts["mean"] - 0.5 * (self.parts["winding"] + self.parts["unseen_turn"])
 
     @property
     def may_be_shadow(self) -> bool:
@@ -366,7 +367,6 @@ def _fitted(
 ) -> _MeasuredRod | None:
     """The centreline fitted along a path, between its known ends; None where it has no edges."""
     patch = _PhotoPatch.about(picture_planes, path, settings)
-    planes, noise = patch.planes, patch.noise
     first, last = (None if each is None else patch.here(each) for each in (first, last))
     width, coarse = path.width_px * patch.scale, patch.here(path.path_px)
     for end, way in ((first, 1), (last, -1)):
@@ -376,7 +376,7 @@ def _fitted(
     course: _Course | None = None
     most = 0.0
     # highlights and shadows change light, hairs have the rod's colour: the channels are used that make edges parallel
-    for channels, light in ((slice(None), settings.light), (slice(None), 0.0), (slice(1), 0.0))[-len(planes) :]:
+    for channels, light in ((slice(None), settings.light), (slice(None), 0.0), (slice(1), 0.0))[-len(patch.planes) :]:
         found = _course(patch, channels, coarse, width, (first, last), replace(settings, light=light))
         if found is None:
             continue
@@ -385,16 +385,18 @@ def _fitted(
             course, most = found, parallel
         if parallel > settings.good_edges:
             break
-    if course is None:
-        return None
+    return None if course is None else _judged(patch, course, first is not None and last is not None, settings)
+
+
+def _judged(patch: _PhotoPatch, course: _Course, known: bool, settings: RodSettings) -> _MeasuredRod:
+    """The line along a course with its evidence, between known ends or not."""
     points, curve, misses, width, inside, seen, edged = course
-    length = float(arc_lengths(curve)[-1])
-    diagonal = float(np.hypot(*picture_planes.shape[1:])) * patch.scale
+    planes, noise = patch.planes, patch.noise
+    length, diagonal = float(arc_lengths(curve)[-1]), float(np.hypot(*patch.size)) * patch.scale
     cell = max(width, settings.correlation_share * diagonal)
     there, parts = _along(planes, curve, width, cell, seen, settings)
     parts |= {"edges": edged, "length_share": length / diagonal}
     holder = _holders(planes, noise, curve, width, settings)
-    known = first is not None and last is not None
     evidence = parts["ribbon"] if known else _rod_odds(parts, inside, holder, settings)
     gap, goes_on = (
         _gap(curve, there, settings.longest_gap * max(cell / length, 0.02)),
@@ -412,6 +414,27 @@ def _fitted(
         evidence,
         parts,
     )
+
+
+def _joined(planes: np.ndarray, one: _MeasuredRod, other: _MeasuredRod, settings: RodSettings) -> _MeasuredRod | None:
+    """The rod of which two lines of different colours are the two halves, as they touch all along; None for others."""
+    both, room = 0.5 * (one.width_px + other.width_px), one.width_px + other.width_px
+    ends = np.hypot(*(one.curve_px[[0, -1]] - other.curve_px[[0, -1]]).T)
+    if max(ends) > 2.0 * room or min(each.parts["sides"] for each in (one, other)) < settings.one_sided:
+        return None
+    index, apart = offsets_from(other.curve_px, one.curve_px)
+    low, middle, high = np.quantile(apart, (0.1, 0.5, 0.9))
+    if abs(abs(middle) - both) > 0.3 * both or high - low > 0.5 * both:
+        return None
+    # from the outer edge of one to that of the other
+    way = other.curve_px[index] - one.curve_px
+    way /= np.maximum(np.hypot(*way.T), 1e-9)[:, None]
+    curve = 0.5 * (one.curve_px + other.curve_px[index]) + 0.25 * (other.width_px - one.width_px) * way
+    curve = _smooth(curve, np.ones(len(curve)), max(both, settings.least_smoothing_px))
+    patch = _PhotoPatch.about(planes, _RodPath(curve, room, 0.0), settings)
+    curve, edged = patch.here(curve), min(one.parts["edges"], other.parts["edges"])
+    seen = np.ones(len(curve), bool)
+    return _judged(patch, (curve, curve, np.zeros(1), room * patch.scale, one.inside, seen, edged), False, settings)
 
 
 _Course = tuple[np.ndarray, np.ndarray, np.ndarray, float, tuple[bool, bool], np.ndarray, float]
@@ -914,9 +937,10 @@ def _other(middle: np.ndarray, sides: list[np.ndarray], least_chroma: float) -> 
     along = usual @ contrast / size**2
     across = np.hypot(*(contrast - along * usual[:, None])) / size
     unlike = (across > 0.7) | ((along < 0.0) & (np.hypot(*contrast) > 0.4 * size))
-    # where the background changes and the rod does not, it is the same rod
-    changed = np.hypot(*(own - np.median(own[:, known], axis=1)[:, None])) > 0.7 * size
-    return (unlike & changed).astype(float)
+    # where the background changes and the rod does not, or by less as it reflects it, it is the same rod
+    around = 0.5 * (sides[0] + sides[1])[1:]
+    change, behind = (np.hypot(*(each - np.median(each[:, known], axis=1)[:, None])) for each in (own, around))
+    return (unlike & (change > np.maximum(0.7 * size, 0.5 * behind))).astype(float)
 
 
 def _shadowed(middle: np.ndarray, side: np.ndarray, shading: np.ndarray, settings: RodSettings) -> np.ndarray:
@@ -983,7 +1007,7 @@ class RodSearch:
         clear = best.is_clear(settings)
         if best.parts["mean"] < (settings.least_mean_clear if clear or known < 2 else settings.least_mean):
             raise InputError("no rod can be made out: the likeliest line is one only in parts", remedy=remedy)
-        if best.gap_px is not None and not (clear and known == 2):
+        if best.gap_px is not None and not (clear and known == 2 and best.parts["edges"] > settings.clear[0]):
             u, v = best.gap_px
             what = f"the likeliest line is interrupted near {u:.0f},{v:.0f}"
             raise InputError(what, remedy=f"clear what hides, touches or crosses it, {remedy}")
@@ -1145,13 +1169,15 @@ def _lines(
                 found.remove(likely)
             likely, done = fit, fit.gap_px is None and 0.6 < fit.width_px / path.width_px < 1.7
             found.append(fit)
-        if likely is not None and likely.evidence > 0.0:  # it may be a highlight or a stripe along a wider one
+        # it may be a highlight, a stripe or an edge along a wider one
+        if likely is not None and (likely.evidence > 0.0 or likely.parts["sides"] > settings.one_sided):
             wider = (
                 replace(group[0], path_px=likely.curve_px, width_px=times * likely.width_px) for times in (3.0, 6.0)
             )
             fits = (_fitted(planes, path, ends[0], ends[1], settings) for path in wider)
             found += [fit for fit in fits if fit is not None and fit.width_px > 1.7 * likely.width_px]
-    return found
+    pairs = (_joined(planes, one, other, settings) for one, other in combinations(found, 2))
+    return found + [rod for rod in pairs if rod is not None]
 
 
 def _grouped(paths: list[_RodPath], settings: RodSettings) -> list[list[_RodPath]]:

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <queue>
 #include <tuple>
 #include <utility>
@@ -17,6 +18,8 @@ namespace {
 constexpr int TURN = 5;
 // Places that are reached in one search, at most: 100 MB; and where a path may end anywhere.
 constexpr std::size_t MOST_REACHED = 4'000'000, MOST_ALONE = 80'000;
+// Places that are reached before it is worth knowing what paths from each to an end cost at least.
+constexpr std::size_t FEW_REACHED = 100'000;
 constexpr int NOWHERE = -1;
 // Directions on either side of a cut one that are cut with it: no path turns over all of them at once.
 constexpr int CUT = 3;
@@ -67,6 +70,10 @@ class Lattice {
         int best = NOWHERE;
         const std::size_t most = ends.shape[0] > 0 ? MOST_REACHED : MOST_ALONE;
         while (!_queue.empty() && _reached.size() < most) {
+            if (ends.shape[0] > 0 && _ahead[0].empty() && _reached.size() > FEW_REACHED) {
+                _look_ahead(ends);
+                return search(starts, ends);
+            }
             const int at = _queue.top().second;
             _queue.pop();
             if (_reached[at].done) continue;
@@ -244,15 +251,14 @@ class Lattice {
         if (taken(at)) evidence = std::min(evidence, -static_cast<float>(_rules.enough));
         const float sharp = std::max(0.0F, std::abs(turn) - 1.0F);
         const float less = static_cast<float>(_rules.turn_cost) * sharp * sharp;
-        const float lacking =
-            static_cast<float>(_rules.length_cost) + std::max(0.0F, static_cast<float>(_rules.enough) - evidence);
-        Reached next{_pack(at), before, less + length * lacking, length * evidence - less, 0.0F, false};
+        Reached next{_pack(at), before, less + length * _lacking(evidence), length * evidence - less, 0.0F, false};
         if (before != NOWHERE) {
             next.cost += _reached[before].cost;
             next.sum += _reached[before].sum;
             next.peak = std::max(next.sum, _reached[before].peak);
         }
-        if (next.cost > _bound || _is_cut(at)) return;
+        const float least = next.cost + (_ahead[0].empty() ? 0.0F : _ahead[at.across][_cell(at)]);
+        if (least > _bound || _is_cut(at)) return;
         int& slot = _slot[next.state];
         if (slot == NOWHERE) {
             slot = static_cast<int>(_reached.size());
@@ -262,7 +268,53 @@ class Lattice {
         } else {
             return;
         }
-        _queue.emplace(next.cost, slot);
+        _queue.emplace(least, slot);
+    }
+
+    std::size_t _cell(const State& at) const {
+        return static_cast<std::size_t>(at.row) * _charts[at.across].shape[2] + at.column;
+    }
+
+    float _lacking(float evidence) const {
+        return static_cast<float>(_rules.length_cost) + std::max(0.0F, static_cast<float>(_rules.enough) - evidence);
+    }
+
+    // From each place the least cost of a path to an end, were turns free: an A* search's heuristic. Infinite where
+    // that is beyond the bound.
+    void _look_ahead(ConstMatrix ends) {
+        std::priority_queue<std::pair<float, std::size_t>, std::vector<std::pair<float, std::size_t>>, std::greater<>>
+            queue;
+        const auto come = [&](const State& at, float cost) {
+            const View<const float, 3>& chart = _charts[at.across];
+            if (at.row < 0 || at.row >= chart.shape[0] || at.column < 0 || at.column >= chart.shape[2]) return;
+            float& known = _ahead[at.across][_cell(at)];
+            if (cost >= known || cost > _bound) return;
+            known = cost;
+            queue.emplace(cost, _pack(at));
+        };
+        for (const bool across : {false, true}) {
+            const auto size = static_cast<std::size_t>(_charts[across].shape[0]) * _charts[across].shape[2];
+            _ahead[across].assign(size, std::numeric_limits<float>::infinity());
+        }
+        for (const State& each : near(ends))
+            if (each.direction == 0) come(each, 0.0F);
+        while (!queue.empty()) {
+            const auto [cost, packed] = queue.top();
+            queue.pop();
+            const State at = unpack(packed);
+            if (cost > _ahead[at.across][_cell(at)]) continue;
+            for (int k = 0; k < DIRECTIONS_DOWN; ++k) {
+                const float more = cost + _length[k] * _lacking(_charts[at.across](at.row, k, at.column));
+                for (int shift = _columns[k][0]; shift <= _columns[k][1]; ++shift)
+                    for (const int way : {-1, 1}) come({at.across, 1, at.row - way, 0, at.column - way * shift}, more);
+            }
+            // where paths at 45° come from the other picture, as they go on to it
+            for (int column = at.row * ROW_STEP; column < (at.row + 1) * ROW_STEP; ++column)
+                for (const int sign : {-1, 1}) {
+                    const int along = at.column - ROW_STEP / 2 - sign * (at.row * ROW_STEP + ROW_STEP / 2 - column);
+                    if (along >= 0 && along % ROW_STEP == 0) come({!at.across, 1, along / ROW_STEP, 0, column}, cost);
+                }
+        }
     }
 
     void _go_on(const State& from, int at) {
@@ -295,6 +347,7 @@ class Lattice {
     std::size_t _half, _all;
     PathRules _rules;
     double _bound = _rules.bound;
+    std::array<std::vector<float>, 2> _ahead;  // by row and column of either chart
     std::vector<State> _cuts;
     std::vector<int> _slot;
     Array<unsigned char, 2> _taken;
