@@ -100,15 +100,15 @@ def _ribbon_evidence(level: _Level, width: float, texture: np.ndarray, settings:
     )
 
 
-def _most_scale(planes: np.ndarray, settings: RodSettings) -> float:
-    """Scale of the pyramid level in which the thinnest rods are searched."""
-    return float(min(1.0, np.sqrt(1e6 * settings.most_megapixels / np.prod(planes.shape[1:]))))
+def _most_scale(shape: Sequence[int], settings: RodSettings) -> float:
+    """Scale of the pyramid level of a picture (H, W) in which the thinnest rods are searched."""
+    return float(min(1.0, np.sqrt(1e6 * settings.most_megapixels / (shape[0] * shape[1]))))
 
 
 def _levels_of(planes: np.ndarray, settings: RodSettings) -> list[tuple[_Level, float]]:
     """Pyramid levels for each ribbon width (in the picture's pixels), the widest first."""
     height, width = planes.shape[1:]
-    most = _most_scale(planes, settings)
+    most = _most_scale(planes.shape[1:], settings)
     widths = [settings.narrowest_px / most]
     while widths[-1] < settings.widest * min(height, width):
         widths.append(widths[-1] * settings.width_step)
@@ -348,6 +348,18 @@ class _MeasuredRod:
     def contains(self, line: np.ndarray, share: float = 0.8) -> bool:
         """Whether at least a fraction `share` of a line's points (N, 2) lie in this rod."""
         return float(np.mean(np.abs(offsets_from(self.curve_px, line)[1]) < 0.5 * self.width_px)) > share
+
+    def enlarged(self, times: int) -> _MeasuredRod:
+        """The same line in a picture with so many times the pixels each way."""
+        points, curve, goes_on, gap = (
+            None if each is None else (each + 0.5) * times - 0.5
+            for each in (self.points_px, self.curve_px, self.goes_on_px, self.gap_px)
+        )
+        assert points is not None and curve is not None
+        width, wander = self.width_px * times, self.wander_px * times
+        return replace(
+            self, points_px=points, curve_px=curve, width_px=width, wander_px=wander, goes_on_px=goes_on, gap_px=gap
+        )
 
     def end_colours(self, planes: np.ndarray) -> np.ndarray:
         """(2, channels) colours of the first and the last eighth."""
@@ -1082,6 +1094,15 @@ def search_rod(
         if place is not None and not (0 <= place[0] <= width - 1 and 0 <= place[1] <= height - 1):
             raise InputError(f"the {name} {place[0]:g},{place[1]:g} is outside the picture of {width}x{height} pixels")
     settings = settings or RodSettings()
+    middle = 0.5 * (np.array([width, height]) - 1.0)
+    times = int(0.5 / _most_scale((height, width), settings))
+    if times > 1:  # in twice the scale of the search the narrowest rods are 5 px wide: more pixels are of no use
+        whole = picture[: height // times * times, : width // times * times]
+        small = cv2.resize(whole, None, fx=1.0 / times, fy=1.0 / times, interpolation=cv2.INTER_AREA)
+        last = np.array(small.shape[1::-1]) - 1.0
+        ends = [None if each is None else np.clip((each + 0.5) / times - 0.5, 0.0, last) for each in (clamp, tip)]
+        lines = [each.enlarged(times) for each in search_rod(small, *ends, settings).candidates]
+        return RodSearch(lines, middle, clamp, tip, settings)
     planes = _opponent(picture, settings)
     if clamp is not None and tip is not None:
         found = _between(planes, clamp, tip, settings)
@@ -1094,7 +1115,7 @@ def search_rod(
         found = _lines(planes, _grouped(paths, settings), [clamp, tip], settings)
     if clamp is None or tip is None:
         found.sort(key=lambda fit: -fit.evidence)
-    return RodSearch(_different(found, settings), 0.5 * (np.array([width, height]) - 1.0), clamp, tip, settings)
+    return RodSearch(_different(found, settings), middle, clamp, tip, settings)
 
 
 def _between(planes: np.ndarray, clamp: np.ndarray, tip: np.ndarray, settings: RodSettings) -> list[_MeasuredRod]:

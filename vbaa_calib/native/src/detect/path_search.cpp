@@ -18,8 +18,6 @@ namespace {
 constexpr int TURN = 5;
 // Places that are reached in one search, at most: 100 MB; and where a path may end anywhere.
 constexpr std::size_t MOST_REACHED = 4'000'000, MOST_ALONE = 80'000;
-// Places that are reached before it is worth knowing what paths from each to an end cost at least.
-constexpr std::size_t FEW_REACHED = 100'000;
 constexpr int NOWHERE = -1;
 // Directions on either side of a cut one that are cut with it: no path turns over all of them at once.
 constexpr int CUT = 3;
@@ -70,7 +68,8 @@ class Lattice {
         int best = NOWHERE;
         const std::size_t most = ends.shape[0] > 0 ? MOST_REACHED : MOST_ALONE;
         while (!_queue.empty() && _reached.size() < most) {
-            if (ends.shape[0] > 0 && _ahead[0].empty() && _reached.size() > FEW_REACHED) {
+            // that takes as long as reaching some 100,000 places
+            if (ends.shape[0] > 0 && _ahead[0].empty() && _reached.size() > MOST_REACHED / 40) {
                 _look_ahead(ends);
                 return search(starts, ends);
             }
