@@ -351,14 +351,18 @@ class _MeasuredRod:
 
     def enlarged(self, times: int) -> _MeasuredRod:
         """The same line in a picture with so many times the pixels each way."""
-        points, curve, goes_on, gap = (
-            None if each is None else (each + 0.5) * times - 0.5
-            for each in (self.points_px, self.curve_px, self.goes_on_px, self.gap_px)
-        )
-        assert points is not None and curve is not None
-        width, wander = self.width_px * times, self.wander_px * times
+
+        def at(places: np.ndarray) -> np.ndarray:
+            return (places + 0.5) * times - 0.5
+
         return replace(
-            self, points_px=points, curve_px=curve, width_px=width, wander_px=wander, goes_on_px=goes_on, gap_px=gap
+            self,
+            points_px=at(self.points_px),
+            curve_px=at(self.curve_px),
+            width_px=self.width_px * times,
+            wander_px=self.wander_px * times,
+            goes_on_px=None if self.goes_on_px is None else at(self.goes_on_px),
+            gap_px=None if self.gap_px is None else at(self.gap_px),
         )
 
     def end_colours(self, planes: np.ndarray) -> np.ndarray:
