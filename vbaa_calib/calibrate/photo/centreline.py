@@ -1104,8 +1104,8 @@ def search_rod(
         whole = picture[: height // times * times, : width // times * times]
         small = cv2.resize(whole, None, fx=1.0 / times, fy=1.0 / times, interpolation=cv2.INTER_AREA)
         last = np.array(small.shape[1::-1]) - 1.0
-        ends = [None if each is None else np.clip((each + 0.5) / times - 0.5, 0.0, last) for each in (clamp, tip)]
-        lines = [each.enlarged(times) for each in search_rod(small, *ends, settings).candidates]
+        first, end = (None if each is None else np.clip((each + 0.5) / times - 0.5, 0.0, last) for each in (clamp, tip))
+        lines = [each.enlarged(times) for each in search_rod(small, first, end, settings).candidates]
         return RodSearch(lines, middle, clamp, tip, settings)
     planes = _opponent(picture, settings)
     if clamp is not None and tip is not None:
