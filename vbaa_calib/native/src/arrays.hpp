@@ -78,8 +78,8 @@ struct View {
 class Blocks {
     static constexpr std::align_val_t ALIGNMENT{64};  // that of the processor's widest vectors
     static constexpr std::size_t LEAST = 1024;        // bytes; smaller ones are malloc's
-    static constexpr std::size_t MOST = 8388608;      // bytes that a thread keeps
-    static constexpr std::size_t SIZES = 11;          // from 1 kB to 1 MB, twice as large each
+    static constexpr std::size_t MOST = 67108864;     // bytes that a thread keeps
+    static constexpr std::size_t SIZES = 15;          // from 1 kB to 16 MB, twice as large each
     // A free block, linked to the next.
     struct Block {
         Block* next;

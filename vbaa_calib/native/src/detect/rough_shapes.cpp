@@ -1,6 +1,5 @@
 #include "detect/rough_shapes.hpp"
 
-#include <memory>
 #include <numeric>
 
 namespace vbaa::detect {
@@ -15,7 +14,7 @@ constexpr float LARGE_SQUARE = 400.0f;
 constexpr float ROOT_WEIGHT = 1.5f;
 
 // Floats that nobody has set.
-using Plane = std::unique_ptr<float[]>;
+using Plane = Array<float, 1>;
 
 // A reduced picture's luma and colour differences, with more rows and columns on every side: its border's.
 struct Reduced {
@@ -24,7 +23,8 @@ struct Reduced {
     int rows = 0, columns = 0, pad = 0, stride = 0, tall = 0, channels = 0;
     Plane levels;  // (channels, tall, stride)
 
-    float* channel(int k) const { return levels.get() + static_cast<std::ptrdiff_t>(k) * size(); }
+    float* channel(int k) { return levels.begin() + static_cast<std::ptrdiff_t>(k) * size(); }
+    const float* channel(int k) const { return levels.begin() + static_cast<std::ptrdiff_t>(k) * size(); }
     int size() const { return stride * tall; }
     int at(int row, int column) const { return (row + pad) * stride + column + pad; }
 };
@@ -35,7 +35,7 @@ int room_of(double reach) { return static_cast<int>(std::ceil(reach)) + 1; }
 // Tiles around those of the paths that are scored, and those that their differences need.
 int tiles_around(int pool, double reach) { return (pool + room_of(reach) + TILE - 1) / TILE; }
 
-Plane plane_of(const Reduced& small) { return Plane(new float[small.size()]); }
+Plane plane_of(const Reduced& small) { return Plane(Unset{}, small.size()); }
 
 // Sizes of the reduced picture (height, width, channels) as the search needs it, without its levels.
 Reduced reduced(std::array<int, 2> size, int channels, const RoughPaths& paths) {
@@ -261,7 +261,7 @@ void differences(const Reduced& small, int channel, double angle, const Tiles& t
     const int stride = small.stride;
     const Moved ahead(u, v, stride), behind(-u, -v, stride), across(small.reach * v, -small.reach * u, stride);
     const float* const level = small.channel(channel);
-    float *const along = scratch.along.get(), *const apart = scratch.apart.get();
+    float *const along = scratch.along.begin(), *const apart = scratch.apart.begin();
     tiles.around(1).each_row(stride, [&](int first, int count) {
         const float* const from = level + first;
         float* const __restrict to = along + first;
@@ -307,7 +307,7 @@ double mean_near(const std::vector<float>& values, int columns, const Tiles& til
 // The log odds at edges of one channel's differences, without a background's own: into `map`, where they are higher.
 void raise_edges(const Reduced& small, int channel, double noise, const EdgeModel& model, const Tiles& tiles,
                  Scratch& scratch) {
-    const float* const apart = scratch.apart.get();
+    const float* const apart = scratch.apart.begin();
     const int stride = small.stride, columns = stride / TILE;
     usual_squares(small, apart, tiles, scratch);
     const double least = std::max(square(noise), static_cast<double>(LEAST_VARIANCE));
@@ -322,7 +322,7 @@ void raise_edges(const Reduced& small, int channel, double noise, const EdgeMode
         }
         for (int v = row * TILE; from < to && v < (row + 1) * TILE; ++v) {
             const float* const own = apart + v * stride;
-            float* const __restrict map = scratch.map.get() + v * stride;
+            float* const __restrict map = scratch.map.begin() + v * stride;
             if (channel == 0)
                 for (int i = from; i < to; ++i) map[i] = own[i] * own[i] * rise[i] - low[i];
             else
@@ -343,31 +343,60 @@ struct Steps {
     }
 };
 
-using Bytes = std::unique_ptr<std::uint8_t[]>;
+using Bytes = Array<std::uint8_t, 2>;
+
+// Of two rows the higher numbers, into the first.
+void raise(float* __restrict own, const float* __restrict other, int count) {
+    for (int i = 0; i < count; ++i) own[i] = std::max(own[i], other[i]);
+}
+
+// Of each of some windows in a row (count + window - 1) the highest: into (count,). By ever wider windows.
+void highest_along(const float* row, int window, int count, std::vector<float>& one, std::vector<float>& other) {
+    std::copy_n(row, count + window - 1, one.data());
+    for (int known = 1; known < window;) {
+        const int more = std::min(known, window - known);
+        float* const __restrict wider = other.data();
+        const float *const from = one.data(), *const later = from + more;
+        for (int i = 0; i < count + window - known - more; ++i) wider[i] = std::max(from[i], later[i]);
+        std::swap(one, other);
+        known += more;
+    }
+}
 
 // The highest within a pool around each place of the tiles, of values that are known around them: as bytes.
 void pooled(const Reduced& small, const Tiles& tiles, const Steps& steps, const float* values, float* high,
             std::uint8_t* to) {
     const int stride = small.stride, pool = small.pool;
+    std::vector<float> one(stride), other(stride), highest(static_cast<std::size_t>(TILE) * stride);
     tiles.around((pool + TILE - 1) / TILE).each_row(stride, [&](int first, int count) {
-        float* const __restrict own = high + first;
-        std::copy_n(values + first, count, own);
-        for (int k = -pool; k <= pool; ++k) {
-            const float* const from = values + first + k;
-            for (int i = 0; i < count; ++i) own[i] = std::max(own[i], from[i]);
-        }
+        highest_along(values + first - pool, 2 * pool + 1, count, one, other);
+        std::copy_n(one.data(), count, high + first);
     });
-    std::vector<float> scratch(stride);
-    tiles.each_row(stride, [&](int first, int count) {
-        float* const __restrict own = scratch.data();
-        std::copy_n(high + first, count, own);
-        for (int k = -pool; k <= pool; ++k) {
-            const float* const from = high + first + k * stride;
-            for (int i = 0; i < count; ++i) own[i] = std::max(own[i], from[i]);
+    // windows of neighbouring rows have most rows in common: up to the first one's last row, and from there on
+    const int together = pool > 3 ? TILE : pool > 1 ? TILE / 2 : TILE / 4;
+    const auto each_rows = [&](int top, int first, int count) {
+        const auto row = [&](int r) { return high + (top + r) * stride + first; };
+        const auto own = [&](int r) { return highest.data() + r * stride; };
+        std::copy_n(row(pool), count, own(together - 1));
+        for (int r = together - 1 - pool; r < pool; ++r) raise(own(together - 1), row(r), count);
+        for (int r = together - 2; r >= 0; --r) {
+            std::copy_n(own(r + 1), count, own(r));
+            raise(own(r), row(r - pool), count);
         }
-        std::uint8_t* const __restrict bytes = to + first;
-        for (int i = 0; i < count; ++i) bytes[i] = steps(own[i]);
-    });
+        std::copy_n(row(pool + 1), count, one.data());
+        for (int r = 1; r < together; ++r) {
+            raise(one.data(), row(pool + r), count);
+            raise(own(r), one.data(), count);
+        }
+        for (int r = 0; r < together; ++r) {
+            const float* const from = own(r);
+            std::uint8_t* const __restrict bytes = to + (top + r) * stride + first;
+            for (int i = 0; i < count; ++i) bytes[i] = steps(from[i]);
+        }
+    };
+    for (int tile = 0; tile < static_cast<int>(tiles.from.size()); ++tile)
+        for (int top = tile * TILE; tiles.from[tile] < tiles.to[tile] && top < (tile + 1) * TILE; top += together)
+            each_rows(top, tiles.from[tile] * TILE, (tiles.to[tile] - tiles.from[tile]) * TILE);
 }
 
 // A picture with what its edges are judged by.
@@ -388,7 +417,7 @@ void edges_along(const Edges& edges, double angle, const Tiles& tiles, const Ste
         raise_edges(small, k, static_cast<double>(noise[k]) / small.factor, model, wider, scratch);
     }
     const float several = static_cast<float>(std::log(small.channels)), hidden = static_cast<float>(model.hidden);
-    float *const map = scratch.map.get(), *const sum = scratch.along.get();
+    float *const map = scratch.map.begin(), *const sum = scratch.along.begin();
     wider.each_row(small.stride, [&](int first, int count) { odds.replace(map + first, count, several); });
     const double u = -small.reach * std::sin(angle), v = small.reach * std::cos(angle);
     const Moved other(u, v, small.stride);
@@ -397,7 +426,7 @@ void edges_along(const Edges& edges, double angle, const Tiles& tiles, const Ste
         float* const __restrict own = sum + first;
         for (int i = 0; i < count; ++i) own[i] = std::max(hidden, from[i] + other(from + i));
     });
-    pooled(small, tiles, steps, sum, scratch.apart.get(), to);
+    pooled(small, tiles, steps, sum, scratch.apart.begin(), to);
 }
 
 // Log odds of the colours of a place of the antenna, highest within a pool.
@@ -406,14 +435,14 @@ void looks_at(const Reduced& small, const UsualColours& look, const Tiles& tiles
     const LookOdds odds(look, small.channels);
     const Tiles wider = tiles.around(2 * ((small.pool + TILE - 1) / TILE));
     wider.each_row(small.stride, [&](int first, int count) {
-        float* const __restrict own = scratch.along.get() + first;
+        float* const __restrict own = scratch.along.begin() + first;
         std::fill_n(own, count, odds.constant);
         for (int k = 0; k < small.channels; ++k) {
             const float* const level = small.channel(k) + first;
             for (int i = 0; i < count; ++i) own[i] += odds(k, level[i]);
         }
     });
-    pooled(small, tiles, steps, scratch.along.get(), scratch.apart.get(), to);
+    pooled(small, tiles, steps, scratch.along.begin(), scratch.apart.begin(), to);
 }
 
 // Mean (P,) of bytes by weights (T,), where samples stand at (P * T), a sample's plane beginning at (T,).
@@ -421,10 +450,11 @@ void add_means(const Bytes& bytes, const std::vector<int>& at, const std::vector
                const std::vector<float>& weight, const Steps& steps, Numbers& score) {
     const int samples = static_cast<int>(plane.size());
     const float all = std::accumulate(weight.begin(), weight.end(), 0.0f);
+    const std::uint8_t* const from = bytes.begin();
     for (int p = 0; p < score.size(); ++p) {
         const int* const own = at.data() + static_cast<std::size_t>(p) * samples;
         float sum = 0.0f;
-        for (int s = 0; s < samples; ++s) sum += weight[s] * static_cast<float>(bytes[plane[s] + own[s]]);
+        for (int s = 0; s < samples; ++s) sum += weight[s] * static_cast<float>(from[plane[s] + own[s]]);
         score[p] += sum * steps.step + all * steps.low;
     }
 }
@@ -434,7 +464,7 @@ template <class T>
 void reduce(const Colours<T>& picture, const Tiles& tiles, Reduced& small) {
     const auto [height, width, several] = picture.levels.shape;
     const int down = std::min(small.factor, height), right = std::min(small.factor, width);
-    small.levels = Plane(new float[static_cast<std::size_t>(small.channels) * small.size()]);
+    small.levels = Plane(Unset{}, small.channels * small.size());
     const float share = 1.0f / static_cast<float>(down * right);
     int first = small.columns, after = 0, top = small.rows, bottom = 0;
     for (int tile = 0; tile < static_cast<int>(tiles.from.size()); ++tile) {
@@ -480,21 +510,21 @@ Numbers rough_scores(const Colours<T>& picture, const RoughPaths& paths, const L
     const Edges edges = {small, noise, model, odds, scratch};
     const int size = small.size(), samples = places.samples;
     const Steps edge_steps(model.hidden, 2.0 * odds.most()), look_steps(-model.look, model.look);
-    const Bytes bytes(new std::uint8_t[static_cast<std::size_t>(std::max(DIRECTIONS_ROUGH, LOOK_PLACES)) * size]);
+    Bytes bytes(Unset{}, std::max(DIRECTIONS_ROUGH, LOOK_PLACES), size);
     std::vector<float> weight(samples);
     std::vector<int> plane(samples);
     for (int s = 0; s < samples; ++s)
         weight[s] = (s < ROOT * samples ? ROOT_WEIGHT : 1.0f) / static_cast<float>(samples);
     Numbers score(places.count);
     for (int d = 0; d < DIRECTIONS_ROUGH; ++d) {
-        std::uint8_t* const own = bytes.get() + static_cast<std::size_t>(d) * size;
+        std::uint8_t* const own = bytes.row(d).data;
         edges_along(edges, M_PI * d / DIRECTIONS_ROUGH, places.of_direction[d], edge_steps, own);
         own[0] = edge_steps(static_cast<float>(0.5 * model.hidden));
     }
     add_means(bytes, places.at, plane, weight, edge_steps, score);
     if (!looks) return score;
     for (int p = 0; p < LOOK_PLACES; ++p) {
-        std::uint8_t* const own = bytes.get() + static_cast<std::size_t>(p) * size;
+        std::uint8_t* const own = bytes.row(p).data;
         looks_at(small, (*looks)[p], places.of_look[p], look_steps, scratch, own);
         own[0] = look_steps(0.0f);
     }
