@@ -139,13 +139,14 @@ def frames(
 ) -> list[Frame]:
     """One noisy frame per contact."""
     contact, lateral = np.asarray(contact_m, float), np.asarray(lateral_N, float)
-    gravity = np.array([gravity_antenna(tilt, gravity_world) for tilt in tilt_rad])
-    shape, force = press(world.rod, gravity, contact, lateral)
+    rotation, shift = Kinematics().world_antenna(np.zeros(len(contact)), np.asarray(tilt_rad, float))
+    shape, force = press(world.rod, gravity_world @ rotation, contact, lateral)
     s = np.linspace(0.01, 1.0, points) * LENGTH_M
+    at = np.column_stack([np.broadcast_to(s, (len(contact), points)), contact])
+    every_m = sample_shape(shape, at)[0]
+    every_px = seen(world.T_antenna_camera, every_m[:, :-1].reshape(-1, 3)).reshape(-1, points, 2)
     sensor, result = world.sensor, []
-    for index, tilt in enumerate(tilt_rad):
-        pixels = seen(world.T_antenna_camera, along(shape, s, index))
-        touched = along(shape, contact[index : index + 1], index)[0]
+    for index, (tilt, pixels) in enumerate(zip(tilt_rad, every_px, strict=True)):
         moment = -shape.clamp_moment_Nm[index, 1]
         result.append(
             Frame(
@@ -154,7 +155,7 @@ def frames(
                 tilt_rad=float(tilt),
                 distance_m=float(contact[index]),
                 force_N=force[index],
-                contact_world_m=Kinematics().T_world_antenna(0.0, tilt) @ touched,
+                contact_world_m=rotation[index] @ every_m[index, -1] + shift[index],
                 tip_px=np.append(pixels[-1] + rng.normal(0.0, TIP_PX * np.sign(sigma_px), 2), TIP_PX),
             )
         )

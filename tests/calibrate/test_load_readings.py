@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, reading_keys
 from vbaa_calib.session import Load, LoadReadings
 
@@ -44,18 +43,13 @@ def misread(
     return noted
 
 
-def solved(observations: Sequence[Observation], known: LoadReadings) -> BundleAdjustment:
-    """From the true pose as its prior."""
-    return adjusted(list(observations), jig_prior(TRUE.T_antenna_camera, readings=known))
-
-
 def draw(seed: int) -> tuple[tuple[float, float], tuple[float, float]]:
     """Error and deviation of log EI, by a solve that weighs the readings and by one that takes them as exact."""
     rng = np.random.default_rng(seed)
     seen = misread(observed(TRUE, rng), rng)
     found = []
     for known in (RULER, EXACT):
-        joint = solved(seen, known)
+        joint = adjusted(seen, jig_prior(TRUE.T_antenna_camera, readings=known))
         found.append((errors(joint)[LOG_STIFFNESS], float(np.sqrt(joint.covariance[LOG_STIFFNESS, LOG_STIFFNESS]))))
     return found[0], found[1]
 

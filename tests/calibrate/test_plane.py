@@ -272,11 +272,6 @@ def rendered(tmp_path_factory: pytest.TempPathFactory) -> Rendered:
     return Rendered(scene, session, lens, read_views(session))
 
 
-def off_std(pose: Pose, covariance: np.ndarray, true: Pose) -> np.ndarray:
-    """(6,) a pose's errors over their deviations."""
-    return pose.tangent_from(true) / np.sqrt(np.diag(covariance))
-
-
 def test_three_ways_agree_and_the_joints_are_found(rendered: Rendered) -> None:
     lens = rendered.lens
     plane = find_plane(rendered.session, lens.camera, lens.board_shape, **rendered.views)
@@ -285,7 +280,7 @@ def test_three_ways_agree_and_the_joints_are_found(rendered: Rendered) -> None:
     for estimate in plane.estimates:
         covariance = lens.camera.covariance
         whole = estimate.covariance + estimate.lens_sensitivity @ covariance @ estimate.lens_sensitivity.T
-        off = off_std(estimate.T_antenna_camera, whole, rendered.scene.T_antenna_camera)
+        off = estimate.T_antenna_camera.tangent_from(rendered.scene.T_antenna_camera) / np.sqrt(np.diag(whole))
         assert np.abs(off).max() < 4.0, (estimate.way, off)
     true = rendered.scene.kinematics
     assert plane.kinematics.axis_skew_rad == pytest.approx(true.axis_skew_rad, abs=4e-4)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import cv2
 import numpy as np
 
@@ -28,17 +30,20 @@ def pose(seed: int, spec: Chessboard | CircleGrid, tilt: float = 0.5) -> tuple[n
     return cv2.Rodrigues(turn)[0].ravel(), shift
 
 
+@cache
+def _rays() -> np.ndarray:
+    pixels = np.stack(np.meshgrid(*map(np.arange, SIZE)), axis=-1).astype(float).reshape(-1, 1, 2)
+    return cv2.undistortPointsIter(pixels, MATRIX, DISTORTION, None, None, (3, 40, 1e-9)).reshape(1, -1, 2)
+
+
 def drawn(
     spec: Chessboard | CircleGrid, rvec: np.ndarray, shift: np.ndarray, blur_px: float = 0.8, radius: float = 0.3
 ) -> tuple[np.ndarray, np.ndarray]:
     """Grey levels (H, W) float before noise, and the true marks (corner_count, 2) px; radius : of circles by pitch."""
-    width, height = SIZE
-    pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(float)
-    rays = cv2.undistortPointsIter(pixels.reshape(-1, 1, 2), MATRIX, DISTORTION, None, None, (3, 40, 1e-9))
     turn = cv2.Rodrigues(rvec)[0]
     onto = np.linalg.inv(np.stack([turn[:, 0], turn[:, 1], shift], axis=1))
-    place = cv2.perspectiveTransform(rays.reshape(1, -1, 2), onto)[0].reshape(height, width, 2)
-    down, across = np.gradient(place, axis=(0, 1))
+    place = cv2.perspectiveTransform(_rays(), onto)[0].T.reshape(2, *SIZE[::-1]).copy()
+    down, across = np.gradient(place, axis=(1, 2))
     offsets = (np.arange(_SUBPIXELS) + 0.5) / _SUBPIXELS - 0.5
     white = 1.0 - np.mean(
         [_black(spec, place + x * across + y * down, radius) for x in offsets for y in offsets], axis=0
@@ -49,17 +54,16 @@ def drawn(
 
 
 def _black(spec: Chessboard | CircleGrid, place: np.ndarray, radius: float) -> np.ndarray:
-    """(H, W) which places (H, W, 2) m of the board's plane are black."""
+    """(H, W) which places (2, H, W) m of the board's plane are black."""
     if isinstance(spec, Chessboard):
-        square = np.floor(place / spec.square_m).astype(int)
-        on = ((square >= 0) & (square < [spec.squares_x, spec.squares_y])).all(axis=-1)
-        return on & (square.sum(axis=-1) % 2 == 0)
-    places, black = spec.lattice, np.zeros(place.shape[:-1], bool)
+        x, y = np.floor(place / spec.square_m).astype(int)
+        return (x >= 0) & (y >= 0) & (x < spec.squares_x) & (y < spec.squares_y) & ((x + y) % 2 == 0)
+    places, black = spec.lattice[..., None, None], np.zeros(place.shape[1:], bool)
     wide = 2 if spec.type == "asymmetric_circles" else 1
     for offset in range(wide):
         nearest = wide * np.rint((place / spec.spacing_m - offset) / wide) + offset
-        on = ((nearest >= places.min(axis=0)) & (nearest <= places.max(axis=0))).all(axis=-1)
-        black |= on & (((place - spec.spacing_m * nearest) ** 2).sum(axis=-1) < (radius * spec.pitch_m) ** 2)
+        on = ((nearest >= places.min(axis=0)) & (nearest <= places.max(axis=0))).all(axis=0)
+        black |= on & (((place - spec.spacing_m * nearest) ** 2).sum(axis=0) < (radius * spec.pitch_m) ** 2)
     return black
 
 

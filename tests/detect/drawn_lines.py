@@ -42,24 +42,26 @@ def tube(
 
     cut : its end is cut off square; otherwise it is round.
     """
-    rows, columns = size
-    step = (np.arange(_FINE * max(size)) + 0.5) / _FINE - 0.5
-    nearest = np.full((_FINE * rows, _FINE * columns), np.inf)
+    picture, margin = np.zeros(size), width_px + 4.0 * blur_px + 1.0
+    around = np.floor(path_px.min(axis=0) - margin), np.ceil(path_px.max(axis=0) + margin)
+    (left, top), (right, bottom) = (np.clip(each, 0, size[::-1]).astype(int) for each in around)
+    u, v = ((np.arange(_FINE * a, _FINE * b) + 0.5) / _FINE - 0.5 for a, b in ((left, right), (top, bottom)))
+    nearest = np.full((len(v), len(u)), np.inf)
     for a, b in pairwise(path_px):
-        along = b - a
-        low, high = np.minimum(a, b) - width_px, np.maximum(a, b) + width_px
-        u, v = ((step[: _FINE * n] >= low[i]) & (step[: _FINE * n] <= high[i]) for i, n in ((0, columns), (1, rows)))
-        here = np.ix_(v, u)
-        du, dv = step[: _FINE * columns][u][None] - a[0], step[: _FINE * rows][v][:, None] - a[1]
+        along, reach = b - a, (np.minimum(a, b) - width_px, np.maximum(a, b) + width_px)
+        across, down = (slice(*np.searchsorted(at, [each[i] for each in reach])) for i, at in enumerate((u, v)))
+        du, dv = u[across] - a[0], v[down, None] - a[1]
         share = np.clip((du * along[0] + dv * along[1]) / (along @ along), 0.0, 1.0)
-        nearest[here] = np.minimum(nearest[here], np.hypot(du - share * along[0], dv - share * along[1]))
-    across = nearest / (0.5 * width_px)
+        away = np.hypot(du - share * along[0], dv - share * along[1])
+        nearest[down, across] = np.minimum(nearest[down, across], away)
     if cut:
         along = path_px[-1] - path_px[-2]
-        across[(step[: _FINE * rows, None] - b[1]) * along[1] + (step[: _FINE * columns] - b[0]) * along[0] > 0.0] = 1.0
-    shade = np.where(across < 1.0, 0.4 + 0.6 * np.sqrt(np.clip(1.0 - across**2, 0.0, None)), 0.0)
+        nearest[(v[:, None] - b[1]) * along[1] + (u - b[0]) * along[0] > 0.0] = np.inf
+    inside, shade = nearest < 0.5 * width_px, np.zeros(nearest.shape)
+    shade[inside] = 0.4 + 0.6 * np.sqrt(1.0 - (nearest[inside] / (0.5 * width_px)) ** 2)
     blurred = cv2.GaussianBlur(shade, (0, 0), blur_px * _FINE)
-    return height * blurred.reshape(rows, _FINE, columns, _FINE).mean(axis=(1, 3))
+    picture[top:bottom, left:right] = height * blurred.reshape(len(v) // _FINE, _FINE, -1, _FINE).mean(axis=(1, 3))
+    return picture
 
 
 def exposed(brightness: np.ndarray, rng: np.random.Generator, noise: float = 1.5) -> np.ndarray:

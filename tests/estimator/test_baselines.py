@@ -40,16 +40,11 @@ def pressed(obj: TouchObject, pan_rad: np.ndarray, tilt_rad: np.ndarray | float 
     return touch(ROD, RADIUS_M, obj, poses, np.zeros(3)), rotations
 
 
-def seen_square_on(touched: Touch, points: int = 200) -> np.ndarray:
-    """(F, N, 2) the centreline's x and y."""
-    s = np.linspace(0.005, 1.0, points) * LENGTH_M
-    return sample_shape(touched.shape, np.broadcast_to(s, (len(touched.in_contact), points)))[0][..., :2]
-
-
 def press_of(touched: Touch, rotations: np.ndarray, seed: int | None = None) -> Press:
     """The press as it is, or with a draw of `NOISE`."""
     moment = np.stack([touched.shape.clamp_moment_Nm[:, 2], -touched.shape.clamp_moment_Nm[:, 1]], axis=1)
-    points, turn = seen_square_on(touched), _world_turn(rotations)
+    s = np.broadcast_to(np.linspace(0.005, 1.0, 200) * LENGTH_M, (len(touched.in_contact), 200))
+    points, turn = sample_shape(touched.shape, s)[0][..., :2], _world_turn(rotations)
     if seed is None:
         return Press(WIRE, turn, moment, points)
     rng = np.random.default_rng(seed)

@@ -226,10 +226,6 @@ def track_of(truth: Rubbed, seed: int = 0, **noise) -> tuple[ContactTable, Track
     return table, follow(table, shared=known(table))
 
 
-def steady(along: float, aside: float, walk: float) -> Rubbed:
-    return rubbed(*(np.full(COUNT, each) for each in (along, aside, walk)))
-
-
 @pytest.mark.parametrize("shared", [True, False])
 def test_velocities_are_worth_what_they_say(shared: bool) -> None:
     """Against sampling, along and across; a common error of 3 mm does not count."""
@@ -252,7 +248,7 @@ def test_velocities_are_worth_what_they_say(shared: bool) -> None:
     ("motion", "phase"), [((0.0, 0.0, 0.0), "sticking"), ((9e-3, 0.0, 5e-3), "sliding"), ((0, 0, 0.02), "rolling")]
 )
 def test_steady_motions_have_their_names(motion: tuple[float, float, float], phase: str) -> None:
-    _, track = track_of(steady(*motion), along_m=1e-4)
+    _, track = track_of(rubbed(*(np.full(COUNT, each) for each in motion)), along_m=1e-4)
     names, counts = np.unique(track.phase, return_counts=True)
     assert names[np.argmax(counts)] == phase
     assert counts.max() >= 0.9 * COUNT

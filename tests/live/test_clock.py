@@ -74,16 +74,13 @@ def test_the_deviation_covers_what_is_off(draws: int, fewest: int, least: float,
     assert least < np.sqrt(np.mean(off**2)) < most
 
 
-def still(values: np.ndarray) -> np.ndarray:
-    return np.random.default_rng(0).normal(values[0], WORLD.sensor.std_Nm, len(values))
-
-
 def test_what_the_data_do_not_show_is_refused() -> None:
     """A sensor that is not connected, readings of something else, no overlap, an offset out of reach, few pictures."""
     several, times_s, values = recorded(1, 30.0, 97.0)
     other = recorded(2, 30.0, 97.0)[2]
+    still = np.random.default_rng(0).normal(values[0], WORLD.sensor.std_Nm, len(values))
     for why, given in {
-        "hardly changes": (several, times_s, still(values)),
+        "hardly changes": (several, times_s, still),
         "follow the bend|about as well|known to": (several, times_s, other[: len(values)]),
         "hardly overlap": (several, times_s + 100.0, values),
         "search ends|about as well|follow the bend": (several, times_s - 1.8 * ClockSettings.farthest_s, values),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimator import ContactEstimator
-from estimator.table.contacts import LOCATED, Contact, Measured
+from estimator.table.contacts import LOCATED, Measured
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import DRIFTS
 
@@ -21,12 +21,6 @@ NOISE_NM = WORLD.sensor.std_Nm
 
 def rig() -> Rig:
     return replace(WORLD.rig(0.25 * RIG_STD), drift=DRIFTS["lab"])
-
-
-def off(contacts: list[Contact], several: list[Measured], force_N: np.ndarray) -> np.ndarray:
-    """Errors of the force along the line of the moment's arm, in deviations."""
-    rows = [n for n, each in enumerate(contacts) if each.status in LOCATED]
-    return np.array([(contacts[n].force_N[2] - force_N[n, 1]) / contacts[n].force_std_N[2] for n in rows])
 
 
 def test_a_zero_is_followed_when_asked() -> None:
@@ -46,7 +40,9 @@ def test_a_zero_is_followed_when_asked() -> None:
     for name, drift in {"left": DRIFTS["lab"], "followed": DRIFTS["lab"].tracking_zero()}.items():
         estimator = ContactEstimator(replace(rig(), drift=drift), jobs=1)
         contacts = list(estimator.run(several))
-        found[name] = off(contacts, several, force)
+        rows = [n for n, each in enumerate(contacts) if each.status in LOCATED]
+        # along the line of the moment's arm, in deviations
+        found[name] = np.array([(contacts[n].force_N[2] - force[n, 1]) / contacts[n].force_std_N[2] for n in rows])
         zero_Nm = estimator.drift.now.moment_sensor.offset_Nm - rig().moment_sensor.offset_Nm
         if name == "followed":
             assert zero_Nm == pytest.approx(walk[-1], abs=6.0 * NOISE_NM)
