@@ -17,7 +17,7 @@ from vbaa_calib.native import core
 from .centreline import Centreline, Visibility
 from .finder import AntennaFinder, coloured
 from .profile import measure_on
-from .settings import AcceptanceSettings, LookSettings, ProfileSettings
+from .settings import AcceptanceSettings, LookSettings
 
 PLACES = 8
 """Places along the antenna at which its colour is learnt."""
@@ -56,7 +56,7 @@ class Paint:
         if not line.found or not self.both_edges or calibrated:
             return line
         between = measure_on(plane, line.guide_px, finder.corridor.width_px, None, taper=finder.corridor.taper)
-        return between if between.found and between.seen > line.seen - ProfileSettings.less_seen else line
+        return between if between.found else line
 
 
 Looks = tuple[tuple[float, float, float, float], ...]
@@ -109,17 +109,12 @@ def without_other_things(
         return line
     changing, sure = paint.bright is None, line.sigma_px <= LookSettings.shaded_unsure * width_px
     hued = (paint.both_edges or changing) and coloured(image)
-    shaded, away = other & sure & ~tinted & hued, len(other)
-    for start, stop in np.flatnonzero(np.diff(other, prepend=False, append=False)).reshape(-1, 2):
-        if changing and shares[stop - 1] - shares[start] > LookSettings.away and shaded[start:stop].mean() < 0.4:
-            away = start
-            break
-    if not other[:away].all():
+    shaded = other & sure & ~tinted & hued
+    if not other.all():
         last = np.flatnonzero(sure & (shaded | (off < core.search.MOSTLY_FOREIGN)))[-1:]
         other &= ((hue > core.search.MOSTLY_FOREIGN) | ~sure | (not paint.both_edges)) & ~shaded
         if line.end != "tip" and len(last) and (paint.both_edges or shaded[last[0]]):
             other[max(last[0] + 1 - core.search.RUN * shaded[last[0]], 0) :] = True
-    other[away:] = True
     hidden = 0.0 if paint.polarity is None else LookSettings.hidden_part * width_px
     doubt = hidden * np.clip(
         (off - LookSettings.partly_foreign) / (core.search.FOREIGN - LookSettings.partly_foreign), 0.0, 1.0

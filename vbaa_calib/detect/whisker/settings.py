@@ -53,7 +53,6 @@ class ProfileSettings:
     blur_px: float = 0.8  # standard deviation of a lens in focus
     margin_px: float = 3.0  # of a profile beyond an antenna of changing polarity: what lies farther is another thing's
     broader: float = 1.5  # breadth from which a line is measured again with longer profiles
-    less_seen: float = 0.05  # part of a line less that may be seen of it where it is measured by both of its edges
     # noise of whole rows, or columns, of pixels
     row_blocks: int = 16  # in which pixels of a row are averaged to see what they share: many, and each of many pixels
     row_run: int = 12  # points of a line on one row, from which it matters: as long as other errors are shared
@@ -163,7 +162,6 @@ class LookSettings:
     least_spread_levels: float = 3.0  # and in grey levels, added in square
     partly_foreign: float = 1.0  # standard deviations from which a point may show something else in part
     hidden_part: float = 0.15  # widths that a line of one polarity lies off there
-    away: float = 0.25  # part of the length for which a line of either polarity may lie on another thing
     shaded_unsure: float = 0.3  # widths to which a line in a shadow must be known: or it may be the edge of that
     strange_doubt: float = 0.3  # widths: error that points of another colour share along a shape that is likely
 

@@ -11,8 +11,7 @@ constexpr double ROOT = 0.33;            // the beginning of the path, as a part
 constexpr int WANDER_ORDER = 6;          // order of the curve that the points are compared with
 constexpr int HEADINGS = 40;             // places along that curve at which its direction is compared
 constexpr int NEARBY = 41;               // so many profiles have the light in common
-constexpr double VARIES = 0.25;          // least variation of the line over its height, for its transparency to show
-constexpr double BEHIND_VARIES = 0.15;   // and of its background
+constexpr double BEHIND_VARIES = 0.15;   // least variation of the background over the line's height, to show through
 constexpr double ALIKE_PROFILES = 15.0;  // so many neighbouring profiles lie in front of the same thing
 
 // Grey levels at either end of a profile (T,): what lies behind the line.
@@ -50,7 +49,7 @@ double background_step(const Crossings& found, const Flags& kept) {
 }
 
 // How far the line's own brightness follows that of its background from place to place, 0 for an opaque antenna, and
-// where either hardly varies.
+// where the background hardly varies.
 double transparency(const Crossings& found, const FittedLine& line) {
     const std::vector<int> chosen = places(line.kept);
     const int count = static_cast<int>(chosen.size());
@@ -65,9 +64,7 @@ double transparency(const Crossings& found, const FittedLine& line) {
     const Numbers light = running_mean(behind, NEARBY, Beyond::end_value);
     for (int k = 0; k < count; ++k) own[k] -= own_light[k], behind[k] -= light[k];
     const double usual = median(height), varies = dot(behind, behind) / count;
-    if (std::sqrt(dot(own, own) / count) > VARIES * usual && std::sqrt(varies) > BEHIND_VARIES * usual)
-        return dot(own, behind) / count / varies;
-    return 0.0;
+    return std::sqrt(varies) > BEHIND_VARIES * usual ? dot(own, behind) / count / varies : 0.0;
 }
 
 using Orders = std::array<double, WANDER_ORDER + 1>;
