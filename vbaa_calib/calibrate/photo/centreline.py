@@ -545,8 +545,7 @@ def _along(
     each = _ribbon_evidence(level, settings.level_width_px, np.mean(textures, axis=0), settings)
     log = each[:, each.shape[1] // 2, len(strip.across_px) // 2].astype(float)
     inside = np.asarray(strip.inside[:, np.abs(strip.across_px) < width].all(axis=1))
-    step = core.search.ROW_STEP
-    log = np.where(inside[step // 2 :: step][: len(log)], log, np.maximum(log, 0.0))
+    inside = inside[core.search.ROW_STEP // 2 :: core.search.ROW_STEP][: len(log)]
     length = float(arc_lengths(curve)[-1])
     # what has not both its edges, in its colour, is no rod
     near = uniform_filter1d(seen.astype(float), max(1, round(2.0 * width / (length / len(seen)))), mode="nearest")
@@ -563,7 +562,8 @@ def _along(
         _other(middle, sides, settings.least_chroma),
     )
     log = np.where((near < 0.3) | (other > 0.5), settings.gap, log)
-    there = (log > 0.5) | ((near > settings.good_edges) & (other < 0.5))
+    log = np.where(inside, log, np.maximum(log, 0.0))
+    there = (log > 0.5) | ((near > settings.good_edges) & (other < 0.5)) | ~inside
     shading = _shading_of(len(planes), settings)
     shadow = np.maximum(*(_shadowed(middle, side, shading, settings) for side in sides))
     along = max(1, round(2.0 * width / (length / len(curve))))
@@ -932,10 +932,11 @@ def _to_the_ends(
         last = int(np.argmax(out)) if out.any() else len(run)
         at = int(np.argmax(np.cumsum(odds[run[:last]]))) if last else 0
         way = curve[run[at]] - curve[run[max(at - round(width / step), 0)]]
-        reach = curve[run[at]] + way / max(np.hypot(*way), 1e-9) * (width + 5.0)
+        near = 0.5 * width + 5.0
+        reach = curve[run[at]] + way / max(np.hypot(*way), 1e-9) * near
         if np.all((reach >= -0.5) & (reach <= size + 0.5)):
             return int(run[at]), True
-        return int(run[last - 1]) if last - at < 2 * round((width + 5.0) / step) else int(run[at]), False
+        return int(run[last - 1]) if last - at < 2 * round(near / step) else int(run[at]), False
 
     everything = np.arange(count)
     start, seen_first = run_out(ends[0], everything[::-1])
