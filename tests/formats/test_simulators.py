@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from xml.etree import ElementTree as Xml
 
 import numpy as np
@@ -180,16 +180,12 @@ def test_the_pinhole_and_the_numbers_are_the_rigs(tmp_path: Path, monkeypatch: p
     rod = rig.antenna.rod
     assert numbers["rod"]["bending_stiffness_Nm2"] == rod.bending_stiffness_Nm2
     assert sum(numbers["chain"]["lengths_m"]) == pytest.approx(rod.length_m)
-    monkeypatch.setitem(sys.modules, "elastica", no_elastica())
+    # in its place, for a file that only names the parts of it
+    parts = ("BaseSystemCollection", "Constraints", "Forcing", "Damping")
+    monkeypatch.setitem(sys.modules, "elastica", SimpleNamespace(**{part: type(part, (), {}) for part in parts}))
     written = runpy.run_path(str(tmp_path / "a.py"))["ANTENNA"]
     assert written.bending_stiffness_Nm2 == rod.bending_stiffness_Nm2
     np.testing.assert_allclose(np.transpose(written.clamp_axes), rod.T_antenna_clamp.rotation)
-
-
-def no_elastica() -> ModuleType:
-    """In its place, for a file that only names the parts of it."""
-    parts = ("BaseSystemCollection", "Constraints", "Forcing", "Damping")
-    return SimpleNamespace(**{part: type(part, (), {}) for part in parts})  # type: ignore[return-value]
 
 
 @pytest.mark.slow

@@ -67,11 +67,6 @@ def _digests(folder: Path) -> dict[str, str]:
     return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
-def _rows(path: Path) -> list[dict[str, str]]:
-    with path.open() as stream:
-        return list(csv.DictReader(stream))
-
-
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("simulate")
@@ -109,7 +104,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_does_not(written: Path, 
 
 def test_the_truth_is_consistent(written: Path) -> None:
     truth, scene = json.loads((written / "truth.json").read_text()), load_scene(_scene_file(written.parent))
-    frames, rows = truth["frames"], _rows(written / "recording/recording.csv")
+    frames, rows = truth["frames"], list(csv.DictReader((written / "recording/recording.csv").read_text().splitlines()))
     assert truth["schema"] == "vbaa.truth/1"
     assert [frame["in_contact"] for frame in frames] == [False, True, True, True, True, False]
     assert truth["stiffness_Nm2"] == pytest.approx(scene.antenna.stiffness_Nm2 * 1.03)
