@@ -131,7 +131,7 @@ class ExpectedAntenna:
         where = corridor(
             self.camera, self.T_antenna_camera.inverse(), free, self.antenna.diameter_m, taper=self.antenna.taper
         )
-        along, aside = where.aside(seen.points_px)
+        along, aside = where.coordinates(seen.points_px)
         length = arc_lengths(where.axis_px)[-1]
         return along / length, aside / length
 

@@ -15,7 +15,7 @@ from vbaa_calib.native import core
 
 from .centreline import Centreline, Verdict, Visibility
 from .corridor import LEAST_SHAPE_POINTS, Corridor
-from .settings import AcceptanceSettings, StretchSettings
+from .settings import AcceptanceSettings, ProfileSettings, StretchSettings
 
 
 class Evidence(NamedTuple):
@@ -128,7 +128,7 @@ def _doubt(line: Centreline, look: Evidence) -> tuple[Verdict, str] | None:
     return None
 
 
-def _reject_beside_clamp(line: Centreline, where: Corridor, changing: bool) -> Centreline:
+def _reject_off_clamp(line: Centreline, where: Corridor, changing: bool) -> Centreline:
     """The centreline, rejected where it does not leave the clamp along the free antenna.
 
     A cantilever bends away from its free shape slowly; a cable or an edge that passes its clamp is straight there.
@@ -149,11 +149,11 @@ def _reject_beside_clamp(line: Centreline, where: Corridor, changing: bool) -> C
     turn = abs(slope) - limits.bends_more[changing] * abs(2.0 * bend)
     turn = turn / part_px - spread * limits.from_clamp / (0.1 * part_px)
     if np.hypot(offset / (where.clamp_px + spread), max(turn, 0.0) / where.clamp_rad) > 1.0:
-        aside = np.degrees(np.arctan(abs(slope) / part_px))
+        turn_deg = np.degrees(np.arctan(abs(slope) / part_px))
         return line.with_verdict(
             "no_antenna",
-            f"what could be the antenna passes the clamp by {abs(offset):.0f} px, {aside:.0f}° from its axis (a cable, "
-            "an edge; or the clamp is not where it is said to be)",
+            f"what could be the antenna passes the clamp by {abs(offset):.0f} px, {turn_deg:.0f}° from its axis "
+            "(a cable, an edge; or the clamp is not where it is said to be)",
         )
     return line
 
@@ -169,7 +169,7 @@ def of_antennas_shape(line: Centreline, where: Corridor, changing: bool) -> Cent
     """
     limits = AcceptanceSettings
     little = changing and line.seen < limits.much_seen and not line.odds >= limits.likely_odds
-    line = _reject_beside_clamp(line, where, changing) if little or where.shape_px is None else line
+    line = _reject_off_clamp(line, where, changing) if little or where.shape_px is None else line
     if where.shape_px is None or not line.found:
         return line
     unsure = changing and line.seen * line.sure < limits.much_seen
@@ -300,7 +300,9 @@ def _causes(found: Any, seen: np.ndarray, width: float, look: tuple[float, bool 
     """(N,) index of the `Cause` of each profile."""
     noise, bright = look
     half = found.profiles.shape[1] // 2
-    sharp, *soft = (core.profile.expected(width, blur, half + 2) for blur in (0.8, *StretchSettings.broader_px))
+    sharp, *soft = (
+        core.profile.expected(width, blur, half + 2) for blur in (ProfileSettings.blur_px, *StretchSettings.broader_px)
+    )
     # the guide bridges what was not seen, and may lie a little off there
     reach = np.ceil(0.5 * width) + 2.0
     offsets = np.arange(-reach, reach + 1.0)

@@ -51,8 +51,8 @@ class FreeShape:
         at = np.linspace(0.0, along[-1], SHAPE_SEGMENTS + 1)
         points = np.stack([np.interp(at, along, values) for values in points_m.T], axis=1)
         segments = np.diff(points, axis=0)
-        aside = np.cross(points[0], segments[0])
-        axes = np.stack([segments[0], aside, np.cross(segments[0], aside)])
+        lateral = np.cross(points[0], segments[0])
+        axes = np.stack([segments[0], lateral, np.cross(segments[0], lateral)])
         axes /= np.linalg.norm(axes, axis=1, keepdims=True)
         return FreeShape(camera, points[0], axes, segments @ axes.T)
 
@@ -94,8 +94,8 @@ class FreeShape:
             if len(near) < 2:
                 return near
             along = along if len(near) == len(along) else near - middle
-            aside = offsets_from(resample(along, 1.0)[0], self.focal_px * seen)[1]
-            weight, starts = 1.0 + (aside / scale) ** 2, np.array([shape])
+            off = offsets_from(resample(along, 1.0)[0], self.focal_px * seen)[1]
+            weight, starts = 1.0 + (off / scale) ** 2, np.array([shape])
         pixels, seen_here = self.camera.project(np.column_stack([curve, np.ones(len(curve))]))
         return followed(
             pixels[: len(seen_here) if seen_here.all() else int(seen_here.argmin())], self.camera.image_size
@@ -133,7 +133,7 @@ class Corridor:
     free: FreeShape | None = None
     taper: float = 0.0
 
-    def aside(self, points_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def coordinates(self, points_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates of points (N, 2) along the axis, and along its normals, (N,) px."""
         fine, along = resample(self.axis_px, 1.0)
         nearest, distance = offsets_from(fine, points_px)

@@ -20,8 +20,6 @@ from .centreline import NOTHING, Centreline, too_short
 from .settings import ProfileSettings, RibbonSettings
 
 LINE_MODES = 3  # offset, slope and curvature: the first Legendre polynomials of the place along a line
-_QUIET = 0.4
-"""Quantile of the profiles' residuals that the core takes for the picture's noise."""
 _POLARITY = {True: 1, False: -1, None: 0}
 _shapes = lru_cache(maxsize=32)(core.profile.shapes)
 
@@ -105,7 +103,7 @@ def measure_in_colour(
     half = int(np.ceil(how.flank_widths * width_px + how.flank_px))
     path_px = np.ascontiguousarray(path_px, np.float64)
     picture = np.ascontiguousarray(picture[..., :3])
-    found = core.profile.measured_ribbon(picture, path_px, float(width_px), how.blur_px, half, how)
+    found = core.profile.measured_ribbon(picture, path_px, float(width_px), ProfileSettings.blur_px, half, how)
     if found is None:
         return NOTHING
     line = Centreline(**found[0])
@@ -115,7 +113,8 @@ def measure_in_colour(
 
 @lru_cache(maxsize=32)
 def _quiet_part(freedom: int) -> float:
-    """The `_QUIET` quantile of the root mean square of `freedom` normal numbers, by Newton's method.
+    """The quantile of the root mean square of `freedom` normal numbers that the core takes for a picture's noise, by
+    Newton's method.
 
     The probability is the series of the incomplete gamma function: what has SciPy's takes longer to load than a contact
     to find.
@@ -124,7 +123,7 @@ def _quiet_part(freedom: int) -> float:
     for _ in range(8):  # to the last digit for profiles of any length
         terms = np.cumprod(at / (half + np.arange(1.0, 60.0 + 2.0 * freedom)))
         first = math.exp(half * math.log(at) - at - math.lgamma(half + 1.0))
-        at -= (first * (1.0 + float(terms.sum())) - _QUIET) / (first * half / at)
+        at -= (first * (1.0 + float(terms.sum())) - core.profile.QUIET) / (first * half / at)
     return math.sqrt(at / half)
 
 

@@ -70,7 +70,6 @@ class RibbonSettings:
 
     flank_widths: float = 0.5  # profiles reach so many widths
     flank_px: float = 3.5  # and so many pixels to either side
-    blur_px: float = 0.8  # standard deviation of a lens in focus
     width_std: float = 0.015  # prior standard deviation of the width, as a part of it
     blur_std: float = 0.1  # the same of the blur
     taper_std: float = 0.05  # part of its width by which it may be broader at one end

@@ -88,6 +88,7 @@ nb::object measured_ribbon(const InPicture& image, const InMatrix& path_px, doub
 void bind_profile(nb::module_& module) {
     nb::module_ room =
         module.def_submodule("profile", "The antenna in a picture: profiles, reflectance, ends, acceptance.");
+    room.attr("QUIET") = detect::QUIET;
     nb::class_<CrossSection>(room, "CrossSection");
     nb::class_<detect::Shapes>(room, "Shapes");
     room.def("expected", [](double width_px, double blur_px, int reach_px) {

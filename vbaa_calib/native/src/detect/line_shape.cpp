@@ -145,6 +145,7 @@ Shapes shapes(double width_px, double blur_px, int reach_px) {
     const int bins = 2 * reach_px * BINS_PER_PX, rows = 2 * reach_px * PER_PX + 1;
     Shapes made;
     made.reach_px = reach_px;
+    made.blur_px = blur_px;
     made.bins = even_splines(spline, inner, reach_px, BINS_PER_PX, 0.5, bins);
     made.values = even_splines(spline, inner, reach_px, PER_PX, 0.0, rows);
     made.slopes = even_splines(spline_slope, inner, reach_px, PER_PX, 0.0, rows);

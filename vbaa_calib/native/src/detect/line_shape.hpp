@@ -11,6 +11,7 @@ namespace vbaa::detect {
 constexpr int PER_PX = 32;              // rows of a tabled shape per pixel
 constexpr double PIXEL_BLUR_PX = 0.29;  // a pixel's own square, as a standard deviation
 constexpr double MAX_TAPER = 0.6;       // part by which the line may be broader at one end than at the other
+constexpr double DISTURBED_RMS = 1.8;   // residuals over the noise from which a profile shows something else, too
 constexpr double TAPER_STD = 0.3;       // prior deviation of that: where little of the line is seen, noise is no taper
 
 // What lines look like across: sums of C tabled functions of the distance from the centre, `PER_PX` rows a pixel, the
@@ -48,6 +49,7 @@ double half_width_px(const CrossSection& section);
 // What a cross-section is learned with: for a width, within a reach.
 struct Shapes {
     int reach_px;
+    double blur_px;                     // of a lens in focus, standard deviation
     Table bins, values, slopes;         // (B, M), (R, M), (R, M) even cubic splines in bins and, with slopes, in rows
     CrossSection ordinary;              // the antenna in focus
     std::vector<CrossSection> blurred;  // somewhat thinner and broader antennas, from sharp to far out of focus

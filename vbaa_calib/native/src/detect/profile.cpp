@@ -10,7 +10,6 @@ namespace {
 // Least height over its standard deviation for a profile to count as seen; and where the line changes along its length:
 // what its neighbours show tells its sign and shape.
 constexpr double SEEN_RATIO = 4.5, SEEN_CHANGING = 3.5;
-constexpr double DISTURBED = 1.8;  // profiles with residuals so many times the noise show something else, too
 constexpr double LEAST_CLEAN =
     0.3;                      // with fewer undisturbed, disturbed ones are kept, with the deviations they deserve
 constexpr int MARGIN_PX = 2;  // dropped on either side of a gap: they show part of what hides the antenna
@@ -24,10 +23,9 @@ constexpr double FAINTER = 0.7;  // where less of the usual height is left, the 
 // behind the line would move them by, on average, is doubt where it exceeds so many of its own deviations.
 constexpr int EDGE_RUN = 21;
 constexpr double EDGE_NOTICED = 3.0;
-constexpr int STRAY_PIECES = 24;          // of the curve that strays are detected by
-constexpr int RUN = 16;                   // neighbours: their mean is their common error
-constexpr double LIKELY_RUNS = 4.0;       // that scatter as predicted are added to those that are seen
-constexpr double ORDINARY_BLUR_PX = 0.8;  // of a lens in focus, standard deviation
+constexpr int STRAY_PIECES = 24;     // of the curve that strays are detected by
+constexpr int RUN = 16;              // neighbours: their mean is their common error
+constexpr double LIKELY_RUNS = 4.0;  // that scatter as predicted are added to those that are seen
 
 // The fitted lines.
 struct Lines {
@@ -51,7 +49,7 @@ Numbers widths(const Crossings& found, const Measuring& how) {
 Crossings in_widths(const Crossings& found, const Measuring& how) {
     Crossings scaled = found;
     constexpr double FULL_WIDTH = 2.355;  // of a blur at half its height, over its deviation
-    const double blur_px = FULL_WIDTH * std::hypot(ORDINARY_BLUR_PX, PIXEL_BLUR_PX);
+    const double blur_px = FULL_WIDTH * std::hypot(how.shapes.blur_px, PIXEL_BLUR_PX);
     const double middle = std::hypot(how.width_px, blur_px);
     const Numbers width_px = widths(found, how);
     const double growth_px = how.width_px * how.taper / length_px(found);
@@ -64,7 +62,7 @@ Crossings in_widths(const Crossings& found, const Measuring& how) {
 
 // (N,) heights of its line, of which blur leaves less where it is thinner, over that in the middle.
 Numbers heights(const Crossings& found, const Measuring& how) {
-    const double blur_px = std::sqrt(8.0) * std::hypot(ORDINARY_BLUR_PX, PIXEL_BLUR_PX);
+    const double blur_px = std::sqrt(8.0) * std::hypot(how.shapes.blur_px, PIXEL_BLUR_PX);
     const Numbers width_px = widths(found, how);
     return each(width_px.size(),
                 [&](int n) { return std::erf(width_px[n] / blur_px) / std::erf(how.width_px / blur_px); });
@@ -88,7 +86,7 @@ Flags training_profiles(const Fits& fits, const Crossings& found, double quiet) 
     if (!any(good)) return good;
     const double typical = median(selected(fits.height, good));
     for (int n = 0; n < all; ++n) good[n] = good[n] && fits.height[n] > 0.4 * typical && fits.height[n] < 2.5 * typical;
-    Flags calm = each(all, [&](int n) { return good[n] && fits.rms[n] < DISTURBED * noise + 0.02 * typical; });
+    Flags calm = each(all, [&](int n) { return good[n] && fits.rms[n] < DISTURBED_RMS * noise + 0.02 * typical; });
     return count(calm) >= 0.3 * count(good) ? calm : good;
 }
 
@@ -187,7 +185,7 @@ Lines symmetric_lines(Learned learned, const Measuring& how) {
 
 // Lines of an antenna with its own reflectance.
 Lines changing_lines(const Crossings& untapered, const Measuring& how, const KnownCourse& known) {
-    LearnedReflectance learned = learn_reflectance(untapered, {how.width_px, ORDINARY_BLUR_PX}, known);
+    LearnedReflectance learned = learn_reflectance(untapered, {how.width_px, how.shapes.blur_px}, known);
     const Crossings found = tapered(untapered, {learned.taper});
     const int all = found.along.size(), length = found.profiles.shape[1];
     const Reflectance& reflectance = learned.reflectance;
@@ -233,7 +231,7 @@ Selection selection(const Crossings& found, const Lines& lines, bool changing) {
     if (!any(seen)) return {seen, seen, seen};
     for (int n = 0; n < all; ++n)
         seen[n] = seen[n] && fits.height[n] > 0.3 * lines.usual[n] && fits.height[n] < 3.0 * lines.usual[n];
-    const Flags clean = each(all, [&](int n) { return seen[n] && fits.rms[n] < DISTURBED * noise; });
+    const Flags clean = each(all, [&](int n) { return seen[n] && fits.rms[n] < DISTURBED_RMS * noise; });
     if (count(clean) >= LEAST_CLEAN * all && !changing) return {clean, clean, seen};
     const double part = changing ? 0.3 : 0.1;
     return {each(all, [&](int n) { return seen[n] && fits.rms[n] < 4.0 * noise + part * lines.usual[n]; }), clean,

@@ -410,15 +410,16 @@ struct Edges {
 
 // Log odds of two edges of an antenna along a direction, highest within a pool.
 void edges_along(const Edges& edges, double angle, const Tiles& tiles, const Steps& steps, std::uint8_t* to) {
-    const auto& [small, noise, model, odds, scratch] = edges;
+    const Reduced& small = edges.small;
+    Scratch& scratch = edges.scratch;
     const Tiles wider = tiles.around(tiles_around(small.pool, small.reach));
     for (int k = 0; k < small.channels; ++k) {
         differences(small, k, angle, wider, scratch);
-        raise_edges(small, k, static_cast<double>(noise[k]) / small.factor, model, wider, scratch);
+        raise_edges(small, k, static_cast<double>(edges.noise[k]) / small.factor, edges.model, wider, scratch);
     }
-    const float several = static_cast<float>(std::log(small.channels)), hidden = static_cast<float>(model.hidden);
+    const float several = static_cast<float>(std::log(small.channels)), hidden = static_cast<float>(edges.model.hidden);
     float *const map = scratch.map.begin(), *const sum = scratch.along.begin();
-    wider.each_row(small.stride, [&](int first, int count) { odds.replace(map + first, count, several); });
+    wider.each_row(small.stride, [&](int first, int count) { edges.odds.replace(map + first, count, several); });
     const double u = -small.reach * std::sin(angle), v = small.reach * std::cos(angle);
     const Moved other(u, v, small.stride);
     wider.each_row(small.stride, [&](int first, int count) {

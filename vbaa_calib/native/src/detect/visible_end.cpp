@@ -18,7 +18,6 @@ constexpr double LEAST_BLUR_PX = 0.3, LARGEST_BLUR_PX = 4.0;  // and what is pos
 // Ending before so much of a whole antenna's length, and of so many pixels, it may be hidden by what looks like the
 // background.
 constexpr double SHORTER = 0.06, SHORTER_PX = 8.0;
-constexpr double DISTURBED = 1.8;     // profiles with residuals of so many times the noise show something else
 constexpr double BROAD = 1.25;        // a height that rises by this factor towards the end is a ball, a sheath, a kink
 constexpr double EDGE = 0.2;          // part of the line's height by which its background may change where it ends
 constexpr double MOST_LONGER = 0.15;  // part by which a line may go on beyond its path; then something else begins
@@ -165,12 +164,12 @@ EndKind kind_of(const Profiles& seen, const Step& step) {
         const auto above = [&](double residual) { return residual > bound; };
         return static_cast<double>(std::count_if(residuals.begin(), residuals.end(), above)) / residuals.size();
     };
-    if (count(after) < 3 || count(near) < 3 || share_above(DISTURBED, after) > 0.4) return EndKind::hidden;
+    if (count(after) < 3 || count(near) < 3 || share_above(DISTURBED_RMS, after) > 0.4) return EndKind::hidden;
     if (std::abs(central(selected(seen.background, after)) - central(selected(seen.background, near))) > EDGE)
         return EndKind::hidden;
     const Numbers heights = selected(seen.heights, near);
     const bool swollen =
-        *std::max_element(heights.begin(), heights.end()) > BROAD || share_above(2.0 * DISTURBED, near) > 0.3;
+        *std::max_element(heights.begin(), heights.end()) > BROAD || share_above(2.0 * DISTURBED_RMS, near) > 0.3;
     return swollen || step.std > MOST_STD_PX || step.rms > MOST_RMS ? EndKind::unsure : EndKind::tip;
 }
 
