@@ -314,11 +314,11 @@ class _MeasuredRod:
         """Whether the line has no gap, and enough evidence for one that has both edges nearly everywhere."""
         return self.gap_px is None and self.has_edges(settings) and self.parts["mean"] > settings.least_mean_clear
 
-    def is_clear(self, settings: RodSettings) -> bool:
-        """Whether the line does not bend where nothing of it is seen, or hardly if it may go over to its shadow: a rod
-        that others cross goes straight on."""
+    def is_clear(self, settings: RodSettings, known: bool) -> bool:
+        """Whether the line does not bend where nothing of it is seen, or hardly if it may go over to its shadow or to
+        another thing, as between ends that are not known: a rod that others cross goes straight on."""
         _, shadow, turn = settings.clear
-        return self.parts["unseen_turn"] < (turn if self.parts["shadow"] < shadow else 0.5 * turn)
+        return self.parts["unseen_turn"] < (turn if known and self.parts["shadow"] < shadow else 0.5 * turn)
 
     def has_edges(self, settings: RodSettings) -> bool:
         """Whether nearly all its stations have both edges."""
@@ -384,7 +384,8 @@ def _fitted(
 ) -> _MeasuredRod | None:
     """The centreline fitted along a path, between its known ends; None where it has no edges."""
     patch = _PhotoPatch.about(picture_planes, path, settings)
-    first, last = (None if each is None else patch.here(each) for each in (first, last))
+    known = first, last
+    first, last = (None if each is None else patch.here(each) for each in known)
     width, coarse = path.width_px * patch.scale, patch.here(path.path_px)
     for end, way in ((first, 1), (last, -1)):
         if end is not None:
@@ -402,7 +403,17 @@ def _fitted(
             course, most = found, parallel
         if parallel > settings.good_edges:
             break
-    return None if course is None else _judged(patch, course, first is not None and last is not None, settings)
+    if course is None:
+        return None
+    rod = _judged(patch, course, first is not None and last is not None, settings)
+    away = np.minimum(rod.curve_px[[0, -1]], patch.size - 1.0 - rod.curve_px[[0, -1]]).min(axis=1)
+    longer = arc_lengths(rod.curve_px)[-1] > arc_lengths(path.path_px)[-1] + rod.width_px
+    if longer and any(
+        not in_it and room > 2.0 * rod.width_px + 5.0 for in_it, room in zip(rod.inside, away, strict=True)
+    ):
+        # it leaves the patch, not the picture
+        return _fitted(picture_planes, replace(path, path_px=rod.curve_px), *known, settings)
+    return rod
 
 
 def _judged(patch: _PhotoPatch, course: _Course, known: bool, settings: RodSettings) -> _MeasuredRod:
@@ -563,14 +574,14 @@ def _along(
     )
     log = np.where((near < 0.3) | (other > 0.5), settings.gap, log)
     log = np.where(inside, log, np.maximum(log, 0.0))
-    there = (log > 0.5) | ((near > settings.good_edges) & (other < 0.5)) | ~inside
+    there = (log > 0.5) | ((near > settings.good_edges) & (other < 0.5))
     shading = _shading_of(len(planes), settings)
     shadow = np.maximum(*(_shadowed(middle, side, shading, settings) for side in sides))
     along = max(1, round(2.0 * width / (length / len(curve))))
     tangent = uniform_filter1d(np.diff(curve, axis=0), along, axis=0, mode="nearest")
     angle = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
     hidden = ~there[np.arange(len(angle)) * len(there) // len(angle)]
-    return there, {
+    return there | ~inside, {
         "ribbon": float(log.mean()) * length / cell,
         "mean": float(log.mean()),
         "winding": max(0.0, float(np.abs(np.diff(angle)).sum() - 1.5 * np.ptp(angle)) - 1.0),
@@ -1026,8 +1037,8 @@ class RodSearch:
         if best is None or best.evidence < least or (known == 0 and best.parts["contrast"] < settings.least_contrast):
             where = " between clamp and tip" if known == 2 else ""
             raise InputError(f"no rod can be made out{where}: nothing stands out like one", remedy=remedy)
-        clear = best.is_clear(settings)
-        if best.parts["mean"] < (settings.least_mean_clear if clear or known < 2 else settings.least_mean):
+        clear = best.is_clear(settings, known == 2)
+        if best.parts["mean"] < (settings.least_mean_clear if clear else settings.least_mean):
             raise InputError("no rod can be made out: the likeliest line is one only in parts", remedy=remedy)
         if best.gap_px is not None and not (clear and known == 2 and best.parts["edges"] > settings.clear[0]):
             u, v = best.gap_px
@@ -1208,7 +1219,13 @@ def _lines(
             fits = (_fitted(planes, path, ends[0], ends[1], settings) for path in wider)
             found += [fit for fit in fits if fit is not None and fit.width_px > 1.7 * likely.width_px]
     pairs = (_joined(planes, one, other, settings) for one, other in combinations(found, 2))
-    return found + [rod for rod in pairs if rod is not None]
+    rods = (rod for rod in pairs if rod is not None)
+    # but for those that were measured as one
+    return found + [
+        rod
+        for rod in rods
+        if not any(each.contains(rod.curve_px) and each.width_px > 0.8 * rod.width_px for each in found)
+    ]
 
 
 def _grouped(paths: list[_RodPath], settings: RodSettings) -> list[list[_RodPath]]:

@@ -123,13 +123,14 @@ class RodSettings:
     least_evidence_known: float = 8.0
     """Evidence that it must have between known ends."""
     least_mean: float = 2.5
-    """Mean evidence along it between known ends, of 3 at most: right lines had 2.6, wrong ones 1.3 to 2.4."""
+    """Mean evidence along it, of 3 at most: right lines had 2.6, wrong ones 1.3 to 2.4."""
     least_mean_clear: float = 1.2
-    """The same for a line that is `clear`, or without known ends: right lines had 1.4 to 3."""
+    """The same for a line that is `clear`: right lines had 1.4 to 3."""
     clear: tuple[float, float, float] = (0.8, 0.3, 0.5)
     """Least share of places with both edges of a line with a gap where others cross it; and the most bend in radians
-    where nothing of it is seen, half of that where more than the second may be shadow: 24 of 26 right lines with a mean
-    below `least_mean` bent by 0.07 to 0.35, wrong ones by 0.3 beside shadows and by 1 to 4 else."""
+    where nothing of it is seen, half of that where more than the second may be shadow or an end is not known: 24 of 26
+    right lines with a mean below `least_mean` bent by 0.07 to 0.35, wrong ones by 0.3 beside shadows and by 1 to 4
+    else; without known ends right ones by 0.2 at most and a wrong one by 0.34."""
     sampled_rows: int = 100
     """Rows of a picture from which its noise and texture are taken: they are known to a few per cent then."""
     any_evidence: float = -1e4
