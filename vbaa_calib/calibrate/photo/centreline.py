@@ -1038,7 +1038,8 @@ class RodSearch:
             where = " between clamp and tip" if known == 2 else ""
             raise InputError(f"no rod can be made out{where}: nothing stands out like one", remedy=remedy)
         clear = best.is_clear(settings, known == 2)
-        if best.parts["mean"] < (settings.least_mean_clear if clear else settings.least_mean):
+        whole = settings.least_mean if known == 2 else settings.usual_mean
+        if best.parts["mean"] < (settings.least_mean_clear if clear else whole):
             raise InputError("no rod can be made out: the likeliest line is one only in parts", remedy=remedy)
         if best.gap_px is not None and not (clear and known == 2 and best.parts["edges"] > settings.clear[0]):
             u, v = best.gap_px

@@ -97,7 +97,8 @@ class RodSettings:
     that may be shadow, both ends before plain background, no end in the picture, log of the contrast, log of its length
     in diagonals, bend beyond `most_bend`, 1: by logistic regression on 95 rods and 230 other lines in 130 pictures."""
     usual_mean: float = 2.3
-    """Mean evidence below which a line is less likely a rod."""
+    """Mean evidence below which a line is less likely a rod, and without known ends none unless it is `clear`: a wrong
+    one had 2.0, right ones 2.4."""
     least_contrast: float = 10.0
     """Contrast with the more like side, in `shading`, where nothing is known: of 120 right lines it was 13 to 70, of a
     highlight along a cable 7."""
@@ -123,14 +124,14 @@ class RodSettings:
     least_evidence_known: float = 8.0
     """Evidence that it must have between known ends."""
     least_mean: float = 2.5
-    """Mean evidence along it, of 3 at most: right lines had 2.6, wrong ones 1.3 to 2.4."""
+    """Mean evidence along it between known ends, of 3 at most: right lines had 2.6, wrong ones 1.3 to 2.4."""
     least_mean_clear: float = 1.2
     """The same for a line that is `clear`: right lines had 1.4 to 3."""
     clear: tuple[float, float, float] = (0.8, 0.3, 0.5)
     """Least share of places with both edges of a line with a gap where others cross it; and the most bend in radians
     where nothing of it is seen, half of that where more than the second may be shadow or an end is not known: 24 of 26
     right lines with a mean below `least_mean` bent by 0.07 to 0.35, wrong ones by 0.3 beside shadows and by 1 to 4
-    else; without known ends right ones by 0.2 at most and a wrong one by 0.34."""
+    else."""
     sampled_rows: int = 100
     """Rows of a picture from which its noise and texture are taken: they are known to a few per cent then."""
     any_evidence: float = -1e4
