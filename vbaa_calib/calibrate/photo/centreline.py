@@ -480,9 +480,13 @@ def _course(
     by some channels, and their share of what nothing hides; None where there are none. In pixels of the patch."""
     planes, spread = patch.planes[channels], patch.spread[channels]
     first, last = ends
+    if not arc_lengths(coarse)[-1] > width:
+        return None
     curve = _smooth(coarse, np.ones(len(coarse)), max(width, settings.least_smoothing_px))
     for _ in range(settings.centred_rounds):
         middles = _centred(planes, spread, curve, width, settings)
+        if not arc_lengths(middles)[-1] > width:
+            return None  # wider than it is long
         curve = _smooth(middles, np.ones(len(middles)), max(width, settings.least_smoothing_px))
     points, misses, inside = np.zeros((0, 2)), np.zeros(0), (True, True)
     for round_ in range(settings.fit_rounds):
