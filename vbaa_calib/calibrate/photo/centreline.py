@@ -523,11 +523,11 @@ def _course(
         return None
     curve, misses, inside, hidden = to_the_ends(2.0 * width)
     ahead, *_ = to_the_ends((2.0 + settings.bridged_widths) * width)
-    further = [
-        float(np.hypot(*(ahead[end] - curve[end]))) for end, within in zip((0, -1), inside, strict=True) if within
-    ]
-    # it goes on behind something
-    if arc_lengths(ahead)[-1] > arc_lengths(curve)[-1] and max(further, default=0.0) > 0.2 * width:
+    longer = arc_lengths(ahead)[-1] > arc_lengths(curve)[-1]
+    if longer and any(
+        within and np.hypot(*(ahead[end] - curve[end])) > 0.2 * width
+        for end, within in zip((0, -1), inside, strict=True)
+    ):  # it goes on behind something
         points, width, _ = _edges(planes, spread, ahead, width, settings, False)
         if len(points) < settings.least_points:
             return None
