@@ -13,6 +13,7 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from benchmarks.estimator.bound import Bound, bound
 from benchmarks.estimator.cameras import centrelines, drawn, with_second
 from benchmarks.estimator.scenes import Scenes, elastica_shapes, push_for_slope, random_scenes, rolled, scenes
 from benchmarks.estimator.setup import Setup
+from benchmarks.figures import COLOURS, INK, label, legend, panels
 from benchmarks.harness import Findings, Options, column, concatenated, mean, processor_seconds, rms, table, timed
 from benchmarks.mistakes.rigs import KINDS, before_loads, drawn_world, observed, session_of, stills_of
 from benchmarks.peers import CONTACTS, INTERPRETERS, MARK, interpreter_of, versions
@@ -36,6 +38,9 @@ from vbaa_calib.export.simulators import export
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import RIG_PARAMETERS, Rig
 from vbaa_calib.session import DRIFTS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 NOISES_PX = (0.05, 0.5)
 _REACH = (0.2, 0.95)
@@ -335,6 +340,32 @@ def cameras_text(rows: Sequence[ContactsRow]) -> str:
     return table(rows, "one camera and two at right angles: every direction of touch, friction of ± 0.2 rad", once=2)
 
 
+_MARKS = dict(
+    zip(
+        ("ours", "ours, no moment", "SciPy", "PyElastica", "the paper"),
+        zip(COLOURS, "osD^v", strict=False),
+        strict=True,
+    )
+)
+"""First words of a method → its colour and mark."""
+
+
+def figure(rows: Sequence[ContactsRow]) -> Figure:
+    """Time per frame over the median error of the place, with its bound, for the contacts of each kind."""
+    kinds = list(dict.fromkeys((row.kind, row.noise_px) for row in rows))
+    drawn, every = panels(len(kinds), 2, (5.0, 3.4), sharex=True, sharey=True)
+    for kind, panel in zip(kinds, every, strict=True):
+        for row in rows:
+            mark = next((own for name, own in reversed(_MARKS.items()) if row.method.startswith(name)), None)
+            if (row.kind, row.noise_px) == kind and mark and np.isfinite(row.place_median_mm):
+                panel.loglog(row.place_median_mm, row.ms, mark[1], color=mark[0])
+                if row.method == "ours":
+                    panel.axvline(row.bound_median_mm, color=INK, ls=":")
+        label(panel, f"{kind[0]}, points off by {kind[1]:g} px", "median error of the place, mm", "ms a frame")
+    legend(drawn, _MARKS, title="dotted: the Cramér–Rao bound")
+    return drawn
+
+
 def measure(options: Options) -> Findings:
     """All methods on every kind of contacts."""
     rows: list[ContactsRow] = []
@@ -350,4 +381,11 @@ def measure(options: Options) -> Findings:
     peer = interpreter_of("elastica")
     if peer is None:
         text += f"\nPyElastica: absent ({INTERPRETERS} names the interpreter that has it)"
-    return Findings(text, {"race.csv": rows, "race_cameras.csv": several}, {}, {}, headline, versions(["elastica"]))
+    return Findings(
+        text,
+        {"race.csv": rows, "race_cameras.csv": several},
+        {"race.png": lambda: figure(rows)},
+        {},
+        headline,
+        versions(["elastica"]),
+    )

@@ -292,8 +292,8 @@ def _spikes(m: np.ndarray, rng: np.random.Generator, was: Recording) -> np.ndarr
     return np.where(hit, m + rng.uniform(0.5, 2.0) * np.abs(m).max() * rng.choice([-1.0, 1.0], len(m)), m)
 
 
-def _off(joints: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    return joints + np.array([[0.0], [_either(0.014, 0.03, rng)]])
+def _off(low: float, high: float) -> Callable[[np.ndarray, np.random.Generator], np.ndarray]:
+    return lambda joints, rng: joints + np.array([[0.0], [_either(low, high, rng)]])
 
 
 def _later(values: np.ndarray) -> np.ndarray:
@@ -414,18 +414,22 @@ def _sigma(factor: float | None) -> Altered:
     return altered
 
 
-def _clock(off_s: float) -> Altered:
-    """Readings with stamps that are so late: each picture gets those of an earlier moment."""
+_READ = ("moment_Nm", "pan_rad", "tilt_rad")
+
+
+def _clock(low_s: float, high_s: float, names: Sequence[str] = _READ, in_rows: bool = False) -> Altered:
+    """Readings with stamps that are so late: each picture gets those of an earlier moment. in_rows : the times are
+    multiples of the time between rows."""
 
     def altered(was: Recording, rng: np.random.Generator) -> Recording:
         times = was.motion.time_s
-        late = times - _either(0.7, 1.3, rng) * off_s
+        unit_s = float(np.median(np.diff(times))) if in_rows else 1.0
+        late = times - rng.choice([-1.0, 1.0]) * np.exp(rng.uniform(*np.log([low_s, high_s]))) * unit_s
 
         def of(name: str) -> list[float]:
             values = np.array([getattr(one, name) for one in was.frames])
             return np.interp(late, times, values).tolist()
 
-        names = ("moment_Nm", "pan_rad", "tilt_rad")
         columns = [of(name) for name in names]
         rows = zip(was.frames, *columns, strict=True)
         return replace(was, frames=[replace(one, **dict(zip(names, own, strict=True))) for one, *own in rows])
@@ -477,7 +481,7 @@ RECORDING = (
     _row("joints in degrees", NAMED, "joints_degrees", _joints(lambda q, rng: np.degrees(q)), "radians"),
     _row("joints frozen", REPORTED, "joints_frozen joints_untested", _joints(lambda q, rng: q[:, :1] + 0.0 * q)),
     _row("joints one row late", REPORTED, "joints_late joints_untested", _joints(lambda q, rng: _later(q))),
-    _row("tilt off by 1°", REPORTED, "joint_offset joints_untested", _joints(_off)),
+    _row("tilt off by 1°", REPORTED, "joint_offset joints_untested", _joints(_off(0.014, 0.03))),
     _row("pictures of the neighbour rows", NAMED, f"{LATE} moment_late", _pictures_of(_neighbour_rows)),
     _row("two pictures exchanged", DOUBTED, "pictures_exchanged", _pictures_of(_swapped_rows)),
     _row("camera frozen for 8 to 20 frames", NAMED, "camera_frozen", _pictures_of(_frozen_rows)),
@@ -517,8 +521,11 @@ RECORDING = (
     _row("sigma_px 5 times too small", NAMED, "sigma_too_small", _sigma(5.0)),
     _row("no free frame", REPORTED, "no_free_frame", _no_free),
     _row("no readings at all", REPORTED, "no_readings", _unread),
-    _row("clock off by 0.1 s", NAMED, f"{LATE} joints_late moment_late", _clock(0.1)),
+    _row("clock off by 0.1 s", NAMED, f"{LATE} joints_late moment_late", _clock(0.07, 0.13)),
     _row("stamps in ms", NAMED, "time_unit", _times(1e3)),
     _row("stamps in ns", NAMED, "time_unit", _times(1e9)),
+    _row("clock off by 0.3 to 12 rows", NAMED, f"{LATE} joints_late moment_late", _clock(0.3, 12.0, in_rows=True)),
+    _row("moment 0.3 to 12 rows late or early", NAMED, f"{LATE} moment_late", _clock(0.3, 12.0, _READ[:1], True)),
+    _row("tilt off by 3 to 20°", REPORTED, "joint_offset joints_untested", _joints(_off(0.05, 0.35))),
 )
 """The matrix's column of recordings. Edit the names of the findings here."""

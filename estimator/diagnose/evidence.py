@@ -24,14 +24,14 @@ from .settings import RecordingSettings
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """Some frames of a recording, with the readings of the rows before and after.
+    """Some frames of a recording, with the readings of the rows around them.
 
     Attributes
     ----------
     rig : as calibrated, or as a hypothesis has it.
     batch : the F frames.
-    around : (F, 2, 8) all readings, pan and tilt of the row before, and of the row after; NaN where there is
-        none.
+    around : (F, 2, K, 8) all readings, pan and tilt of the K rows before and of the K rows after, the nearest
+        first; NaN where there is none.
     order : (F,) number of each frame in the recording.
     period_s : usual time between rows; NaN where they have none, or are no series in time.
     later : from which frame on the rig is another one, and that rig.
@@ -199,7 +199,7 @@ def _eliminated(
 
 
 @dataclass(frozen=True, eq=False)
-class _Weighed:
+class Weighed:
     """The joint explanation of frames with one rig.
 
     Attributes
@@ -239,7 +239,7 @@ def weighed(
     more: np.ndarray | None = None,
     as_free: np.ndarray | None = None,
     log_density: float | np.ndarray = 0.0,
-) -> _Weighed:
+) -> Weighed:
     """The frames' joint explanation, robustly. best, scale : (F,) least cost of each frame, and its noise scale.
 
     more : (18 + P, Q) further axes about which information is wanted. as_free : as `_Fitted.shared`. log_density : of a
@@ -275,7 +275,7 @@ def weighed(
     if not clipped(steps).sum() + 0.5 * steps @ steps < clipped(0.0 * steps).sum():
         steps = 0.0 * steps
     each = weights[:, None, None] * information, weights[:, None] * score
-    return _Weighed(clipped(steps), steps, each)
+    return Weighed(clipped(steps), steps, each)
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,7 +319,7 @@ class Case:
         return replace(self, recorded=self.recorded.picked(rows), best=best, scale=scale, free=free)
 
     @cached_property
-    def reported(self) -> _Weighed:
+    def reported(self) -> Weighed:
         """The fit with everything as reported."""
         return weighed(self.recorded.fit, self.best, self.scale, self.axes)
 
@@ -330,7 +330,7 @@ class Case:
         return [self.free, np.ones_like(self.free)] if self.many_lost and not self.free.all() else [self.free]
 
     @cached_property
-    def as_free(self) -> list[_Weighed]:
+    def as_free(self) -> list[Weighed]:
         """The joint explanation with the free antenna in each of `frees`, in which a common change stands out at any
         distance from the rig."""
         return [weighed(self.recorded.fit, self.best, self.scale, self.axes, free) for free in self.frees]
@@ -403,7 +403,7 @@ class Case:
         """The cost of the same frames with other readings, or another rig."""
         return self.together(other, log_density).cost
 
-    def together(self, other: Recorded, log_density: float | np.ndarray = 0.0) -> _Weighed:
+    def together(self, other: Recorded, log_density: float | np.ndarray = 0.0) -> Weighed:
         """The joint explanation of the same frames with other readings, or another rig."""
         return weighed(other.fit, self.best, self.scale, log_density=log_density)
 
@@ -412,7 +412,7 @@ class Case:
         found = self.together(other, log_density)
         return self.cost - found.cost - self.of_one(found)
 
-    def of_one(self, found: _Weighed) -> float:
+    def of_one(self, found: Weighed) -> float:
         """Largest decrease of a single frame's cost by another explanation; 0 where there is only one frame.
 
         Hypotheses about all frames do not count it: the fit of one frame may just have ended in another minimum."""

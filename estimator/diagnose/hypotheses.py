@@ -16,7 +16,7 @@ from vbaa_calib.rig import WrenchSensor
 from vbaa_calib.session import READINGS as SENSED
 
 from .changes import CHANGES, Change, axes_of, fitted
-from .evidence import Case, Recorded
+from .evidence import Case, Recorded, Weighed
 from .settings import RecordingSettings
 
 
@@ -114,7 +114,7 @@ def _frozen(recorded: Recorded) -> Recorded | None:
 
 def _neighbour(row: int, which: tuple[str, ...], recorded: Recorded) -> Recorded | None:
     """Hypothesis of readings of the previous row (0) or the next one (1)."""
-    batch, around = recorded.batch, recorded.around[:, row]
+    batch, around = recorded.batch, recorded.around[:, row, 0]
     columns = {}
     if "moments" in which:
         if not np.isfinite(batch.readings_Nm[:, 0]).any():
@@ -132,13 +132,22 @@ def _neighbour(row: int, which: tuple[str, ...], recorded: Recorded) -> Recorded
     return recorded.with_readings(**columns)
 
 
-def _lagged(part: float, recorded: Recorded) -> Recorded | None:
-    """Hypothesis of readings that are late by a fraction of a row, interpolated linearly between rows."""
-    batch, around = recorded.batch, recorded.around[:, _AFTER if part > 0.0 else _BEFORE]
+def _lagged(which: slice, rows: float, recorded: Recorded) -> Recorded | None:
+    """Hypothesis of readings that belong to the picture so many rows earlier, interpolated linearly between rows.
+
+    which : of all readings, pan and tilt.
+    """
+    batch = recorded.batch
     now = np.column_stack([batch.readings_Nm, batch.pan_rad, batch.tilt_rad])
-    there = now + abs(part) * (around - now)
-    there = np.where(np.isfinite(there), there, now)
-    return recorded.with_readings(readings_Nm=there[:, :-2], pan_rad=there[:, -2], tilt_rad=there[:, -1])
+    series = np.concatenate([now[:, None], recorded.around[:, _AFTER if rows > 0.0 else _BEFORE]], axis=1)
+    if abs(rows) > series.shape[1] - 1:
+        return None
+    whole = min(int(abs(rows)), series.shape[1] - 2)
+    there = series[:, whole] + (abs(rows) - whole) * (series[:, whole + 1] - series[:, whole])
+    # at either end of the recording they are unknown, and joints are as reported
+    there[:, -2:] = np.where(np.isfinite(there), there, now)[:, -2:]
+    now[:, which] = there[:, which]
+    return recorded.with_readings(readings_Nm=now[:, :-2], pan_rad=now[:, -2], tilt_rad=now[:, -1])
 
 
 def _tilted(angle_rad: float, recorded: Recorded) -> Recorded | None:
@@ -360,10 +369,8 @@ def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
         return
     without = recorded.without_moments()
     constant = np.ptp(read[there]) <= 1e-3 * std
-    # a reading that says nothing lies anywhere within its range
-    spread = max(float(np.ptp(read[there])), std * RecordingSettings.varies_std)
-    density = 0.0 if constant else float(np.log(spread / (2.5 * std)))
-    gained = case.cost - case.cost_of(without, -density) - RecordingSettings.vague * (not constant)
+    none = 0.0 if constant else _log_density_of_none(recorded)
+    gained = case.cost - case.cost_of(without, none) - RecordingSettings.vague * (not constant)
     kind, words = "moment_dead", "the moment readings do not follow the antenna"
     if constant:
         zero = not read[there].any()
@@ -401,6 +408,14 @@ def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
         if gained > RecordingSettings.hinted:
             likely.append((gained, row, corrected))
     yield from _compared(case, likely, known)
+
+
+def _log_density_of_none(recorded: Recorded) -> float:
+    """Log density of a moment that says nothing, so that it lies anywhere in its range, over that of one which fits."""
+    read, std = recorded.batch.readings_Nm[:, 0], recorded.rig.moment_sensor.std_Nm
+    there = read[np.isfinite(read)]
+    spread = max(float(np.ptp(there)) if len(there) else 0.0, std * RecordingSettings.varies_std)
+    return -float(np.log(spread / (2.5 * std)))
 
 
 def _drifting(recorded: Recorded, off: np.ndarray, std: np.ndarray) -> tuple[_ReadingMistake, Recorded] | None:
@@ -445,43 +460,78 @@ def _shifts_explained(case: Case) -> Iterator[Explanation[Case]]:
     settings, period_s = RecordingSettings(), case.recorded.period_s
     if case.usual:
         return
-    later = "the readings are {} {} the pictures that they are listed with: the clocks differ".format
-    for changed, step, most in ((_lagged, settings.lag_step, 1.0), (_tilted, settings.joint_step_rad, np.inf)):
-        if changed is _lagged and not np.isfinite(period_s):
+    rows = settings.lag_step, np.arange(1.0, settings.lag_most + 1.0)
+    angles = settings.joint_step_rad, np.geomspace(4.0 * settings.joint_step_rad, settings.joint_most_rad, 5)
+    later, stamps = "the {} are {{}} the pictures that they are listed with: {}".format, "take stamps of one clock"
+    zero = "set the encoder's zero as it was at the calibration"
+    calm = case.picked(_interpolable(case.recorded))
+    of_all, of_moments = partial(_lagged, slice(None)), partial(_lagged, slice(-2))
+    for name, words, remedy, changed, (step, far) in (
+        ("clock_offset", later("readings", "the clocks differ"), f"{stamps}, or give --clock-offset", of_all, rows),
+        ("moment_late", later("moments", "the sensor's delay or clock"), f"{stamps}, and no filter", of_moments, rows),
+        ("joint_offset", "the tilt is off by {}", zero, _tilted, angles),
+    ):
+        if far is rows[1] and not np.isfinite(period_s):
             continue  # between frames of their own a reading means nothing
-        value, std, gained = _least_cost(case, changed, step, most)
-        size = f"{abs(value) * period_s:.3g} ± {std * period_s:.1g} s"
-        words = later(size, "before" if value > 0.0 else "behind")
-        found = Diagnosis("clock_offset", words, "take stamps of one clock, or give --clock-offset", "wrong")
+        found = [(case, *_least_cost(case, changed, step, far))]
+        if far is rows[1] and abs(found[0][1]) < 1.0:
+            # a part of a row may show better without the frames between which moments do not change evenly
+            found.append((calm, *_least_cost(calm, changed, step, np.ones(1))))
+        some, value, std, gained = max(found, key=lambda each: each[-1])
+        corrected, few = changed(value, case.recorded), changed(value, some.recorded)
+        if corrected is None or few is None or not abs(value) > 2.0 * std:
+            continue
+        gained -= some.of_one(_together(some, few))
+        side = "before" if value > 0.0 else "behind"
+        size = f"{abs(value) * period_s:.3g} ± {std * period_s:.1g} s {side}"
         if changed is _tilted:
-            words = f"the tilt is off by {np.degrees(-value):+.2g} ± {np.degrees(std):.1g}°"
-            found = Diagnosis("joint_offset", words, "set the encoder's zero as it was at the calibration", "wrong")
-        corrected = changed(value, case.recorded)
-        if corrected is not None and abs(value) > 2.0 * std:
-            gained -= case.of_one(case.together(corrected))
-            yield Explanation(found, gained - settings.unlikely, partial(case.explained_by, corrected))
+            size = f"{np.degrees(-value):+.2g} ± {np.degrees(std):.1g}°"
+        diagnosis = Diagnosis(name, words.format(size), remedy, "wrong")
+        yield Explanation(diagnosis, gained - settings.unlikely, partial(case.explained_by, corrected))
+
+
+def _together(case: Case, corrected: Recorded) -> Weighed:
+    """The joint explanation of a case's frames with other readings, of which some may be missing."""
+    lost = np.isfinite(case.recorded.batch.readings_Nm[:, 0]) & np.isnan(corrected.batch.readings_Nm[:, 0])
+    return case.together(corrected, lost * _log_density_of_none(case.recorded))
+
+
+def _interpolable(recorded: Recorded) -> np.ndarray:
+    """Indices of the frames between which moments can be interpolated; of all where these are hardly any."""
+    moments = np.column_stack([recorded.around[:, _BEFORE, 0, 0], recorded.around[:, _AFTER, 0, 0]])
+    bend = np.abs(moments.sum(axis=1) - 2.0 * recorded.batch.readings_Nm[:, 0])
+    rows = np.flatnonzero(~(bend > RecordingSettings.bends_std * recorded.rig.moment_sensor.std_Nm))
+    return rows if len(rows) >= RecordingSettings.fewest else np.arange(len(recorded))
 
 
 def _least_cost(
-    case: Case, changed: Callable[[float, Recorded], Recorded | None], step: float, most: float
+    case: Case, changed: Callable[[float, Recorded], Recorded | None], step: float, far: np.ndarray
 ) -> tuple[float, float, float]:
     """Value of a change at which the frames cost least, its standard deviation, and the log evidence for it, by
-    parabolas. The prior of the value is N(0, step²)."""
+    parabolas.
 
-    def cost(value: float) -> float:
+    step : scale of the prior, a Cauchy distribution. far : sizes from which the search begins, too, where few frames
+    cost less there; the last one is the largest.
+    """
+    few = case.picked(np.arange(0, len(case.recorded), RecordingSettings.thinned))
+
+    def cost(value: float, case: Case = case) -> float:
         corrected = changed(value, case.recorded)
-        return np.inf if corrected is None else case.cost_of(corrected) + 0.5 * (value / step) ** 2
+        return np.inf if corrected is None else _together(case, corrected).cost + float(np.log1p((value / step) ** 2))
 
-    value, best, curvature = 0.0, case.cost, 1.0 / step**2
+    value = min((0.0, *far.tolist(), *(-far).tolist()), key=partial(cost, case=few))
+    best, curvature = cost(value), 1.0 / step**2
     for part in (1.0, 0.5, 0.25):
         low, high = cost(value - part * step), cost(value + part * step)
+        if not np.isfinite(low + high):
+            continue  # at the end of what the readings cover
         bend = (low + high - 2.0 * best) / (part * step) ** 2
         if bend > 0.0:
             curvature = max(bend, 1.0 / step**2)
             move = float(np.clip(0.5 * (low - high) / (part * step * bend), -2.0 * step, 2.0 * step))
         else:
             move = part * step * np.sign(low - high)
-        near = float(np.clip(value + move, -most, most))
+        near = float(np.clip(value + move, -far[-1], far[-1]))
         if (there := cost(near)) < best:
             value, best = near, there
     std = curvature**-0.5

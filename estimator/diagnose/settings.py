@@ -43,9 +43,12 @@ class RecordingSettings:
     tilts_rad: tuple[tuple[float, ...], ...] = (  # where a joint may be that is not read: coarse, then finer steps
         *((-1.2, -0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9, 1.2), (-0.1, 0.1), (-0.03, 0.03)),
     )
-    joint_step_rad: float = 0.0175  # prior standard deviation of an encoder's zero
+    joint_step_rad: float = 0.0175  # scale of the prior (Cauchy) of an encoder's zero
+    joint_most_rad: float = 0.5  # error of an encoder's zero up to which it is sought
     joint_far_rad: float = 0.05  # error of the tilt that is not to pass unmentioned: a twentieth of the reach
-    lag_step: float = 0.3  # prior standard deviation of what a clock is off by, of the time between rows
+    lag_step: float = 0.3  # scale of the prior (Cauchy) of what a clock is off by, rows
+    lag_most: int = 16  # rows that a clock is off by up to which it is sought: a camera's delay at 100 Hz
+    bends_std: float = 8.0  # second difference of moments, in their noise, up to which they can be interpolated
     knows: float = 0.3  # standard deviation of what a picture says of its moment, of the readings' range, at most
     visible: float = 0.3  # of the points' or the moment's standard deviation, what other joint angles change at least
     fewest_after: int = 5  # frames after a change during the recording
@@ -68,6 +71,9 @@ class RecordingSettings:
     apart_s: float = 8.0  # time between frames that is more likely in another unit
     other_shape: float = 2.0  # ratio of the points' distance from fitted shapes to their scatter, likewise
     shared: float = 0.2  # part of the scatter's excess that all lines share from which it is the antenna's shape
+    spike_share: float = 3.0  # distance of a moment from the mean of its neighbours, over theirs from each other,
+    spike_std: float = 10.0  # and in addition in its noise, from which it is a spike
+    spikes: int = 2  # of them from which they are the sensor's, not the contact's
     unexplained: float = 0.2  # part of the frames that nothing explains from which that is reported
     contradicting: float = 0.5  # the same from which those that are left are not believed, either
 
@@ -77,8 +83,9 @@ class RecordingSettings:
     fewest_places: int = 3  # of them that both show
     jumps: float = 0.7  # distance of a picture from the mean of its neighbours, over theirs from each other,
     jump_sigma: float = 3.0  # and over the standard deviation of its points, from which on it may belong elsewhere
-    fits: float = 0.35  # part of that distance within which it fits there
-    most_jumps: int = 32  # that are remembered
+    fits: float = 0.35  # part of that distance within which it fits there,
+    fits_both: float = 0.5  # and where the other's picture leaps, too
+    most_jumps: int = 32  # of a recording, whose place is sought among all rows
     series: float = 0.2  # part of the rows with pictures that leap, up to which they are a series in time
     seldom: float = 0.1  # part of the rows beyond which such jumps are the antenna's own
 

@@ -7,7 +7,6 @@ from collections import Counter, deque
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
-from itertools import combinations
 
 import numpy as np
 
@@ -55,17 +54,14 @@ class RecordingVerdict:
 
 
 _Kept = tuple[int, Measured, np.ndarray]
-"""A frame that is kept: its number, and the readings (2, 8) of the rows before and after."""
+"""A frame that is kept: its number, and the readings (2, K, 8) of the K rows before and of the K rows after."""
 _Pictured = tuple[int, np.ndarray, float, np.ndarray]
 """A row, the points of its antenna (N, 2) px, their standard deviation, and the readings (8,)."""
-_Jump = tuple[int, np.ndarray, np.ndarray, float]
-"""A row with a picture that lies off the mean of its neighbours as far as these are apart, while the readings go on
-smoothly: its antenna (K,), that mean (K,), and how far off it is, px."""
 
 
 @dataclass(eq=False)
 class RecordingWatch:
-    """Collects frames of a recording, in order and in constant memory except for the numbers of single wrong rows."""
+    """Collects frames of a recording, in order and in 32 bytes a row besides those of some frames that it keeps."""
 
     rig: Rig
     settings: RecordingSettings = field(default_factory=RecordingSettings)
@@ -75,7 +71,8 @@ class RecordingWatch:
         self._first: list[_Kept] = []
         self._spread: list[_Kept] = []
         self._stride = 1
-        self._time_s, self._read = math.nan, np.full(8, np.nan)  # of the row before, and its readings
+        self._time_s = math.nan  # of the row before
+        self._read = np.empty((0, 8))  # readings of the last rows
         # the row in which the present picture was seen first, and its readings
         self._pictured: tuple[Measured, np.ndarray] | None = None
         self._repeated: list[int] = []
@@ -87,8 +84,10 @@ class RecordingWatch:
         self._apart_s: deque[float] = deque(maxlen=64)
         self._axis = _image_of_axis(self.rig)
         self._pictures: list[_Pictured] = []  # rows that are yet to be compared, after the last two that were
-        self._jumps: list[_Jump] = []
+        self._lateral: list[np.ndarray] = []  # (B, K) px, of the rows that were compared: `_lateral_px`
+        self._jumps: list[int] = []  # rows with pictures that leap while the readings go on smoothly
         self._leaps = 0  # rows with a picture that leaps, whatever the readings do
+        self._spikes: list[int] = []  # rows with a moment that leaps while the picture does not
 
     def push(self, measured: Measured, contact: Contact | None = None) -> None:
         """Add the next row."""
@@ -104,12 +103,14 @@ class RecordingWatch:
         self._pictures.append((self.count, measured.points_px, sigma_px, now))
         if len(self._pictures) >= self.settings.compared:
             self._compare()
-        self._follow(self.count, now)
+        self._follow(self.count, now[None])
+        series = np.concatenate([self._read, now[None]])
         if len(measured.points_px) >= self.settings.fewest_points:
             self._seen += 1
             if self._keeps(self.count):
-                self._keep(measured, self.count, np.array([self._read, np.full(8, np.nan)]))
-        self._time_s, self._read, self.count = measured.time_s, now, self.count + 1
+                self._keep(measured, self.count, self._around(series, len(self._read)))
+        self._read = series[-self.settings.lag_most :]
+        self._time_s, self.count = measured.time_s, self.count + 1
 
     def push_together(self, batch: Batch, contacts: Contacts) -> None:
         """Add the next rows, of one camera and with times."""
@@ -133,13 +134,13 @@ class RecordingWatch:
         self._apart_s.extend(later[later > 0.0].tolist())
         pictured = zip(range(begin, begin + len(batch)), batch.points_px, many, middle, every, strict=True)
         self._pictures += [(row, px[:own], std if own else math.nan, now) for row, px, own, std, now in pictured]
-        self._follow(begin, every[0])
-        around = np.concatenate([self._read[None], every, np.full((1, 8), np.nan)])
+        self._follow(begin, every)
+        series = np.concatenate([self._read, every])
         for row in np.flatnonzero(count >= self.settings.fewest_points).tolist():
             self._seen += 1
             if self._keeps(begin + row):
-                self._keep(batch.measured(row), begin + row, around[[row, row + 2]])
-        self._read, self.count = every[-1], begin + len(batch)
+                self._keep(batch.measured(row), begin + row, self._around(series, len(self._read) + row))
+        self._read, self.count = series[-self.settings.lag_most :], begin + len(batch)
         if len(self._pictures) >= self.settings.compared:
             self._compare()
         self._time_s = float(times[-1])
@@ -158,17 +159,42 @@ class RecordingWatch:
         if contact.status == "no_antenna":
             self._turned.update(words for words, *_ in ContactSettings.turned if words in contact.reason)
 
-    def _follow(self, row: int, now: np.ndarray) -> None:
-        """Note the readings of a row after one that is kept."""
+    def _follow(self, row: int, readings: np.ndarray) -> None:
+        """Note the readings (B, 8) from a row on after the rows that are kept."""
+        most = self.settings.lag_most
         for kept in (self._first, self._spread):
-            if kept and kept[-1][0] == row - 1:
-                kept[-1][2][1] = now
+            for number, _, around in reversed(kept):
+                if row - number > most:
+                    break
+                after = around[1, row - number - 1 :]
+                after[: len(readings)] = readings[: len(after)]
+
+    def _around(self, series: np.ndarray, at: int) -> np.ndarray:
+        """Readings (2, K, 8) before and after one of a series of them (N, 8), the nearest first; NaN where there is
+        none."""
+        most = self.settings.lag_most
+        around = np.full((2, most, 8), np.nan)
+        for into, some in zip(
+            around, (series[max(at - most, 0) : at][::-1], series[at + 1 : at + 1 + most]), strict=True
+        ):
+            into[: len(some)] = some
+        return around
 
     def _compare(self) -> None:
         """Search the pending rows for jumps."""
-        found, leaps = _jumps(self._axis, self._pictures, self.rig.moment_sensor.std_Nm)
-        self._jumps += found[: self.settings.most_jumps - len(self._jumps)]
-        self._leaps += leaps
+        if not self._pictures:
+            return
+        number, lines_px, sigma_px, readings = zip(*self._pictures, strict=True)
+        lateral = _lateral_px(*self._axis, lines_px)
+        known = sum(map(len, self._lateral)) - number[0]
+        self._lateral.append(lateral[known:].astype(np.float32))
+        if len(number) < 3:
+            return
+        std_Nm = self.rig.moment_sensor.std_Nm
+        leaps, smooth, spikes = _leaps(lateral, np.array(sigma_px), np.array(readings), std_Nm)
+        self._spikes += [number[1 + k] for k in np.flatnonzero(spikes)]
+        self._jumps += [number[1 + k] for k in np.flatnonzero(leaps & smooth)]
+        self._leaps += int(np.count_nonzero(leaps))
         self._pictures = self._pictures[-2:]
 
     def _keeps(self, row: int) -> bool:
@@ -197,7 +223,7 @@ class RecordingWatch:
         """Whether the antenna has moved by the readings (8,)."""
         off = np.abs(now - before)
         noise = 6.0 * self.rig.moment_sensor.std_Nm
-        return bool(np.nanmax(off[:2], initial=0.0) > noise or off[2:].max() > 1e-3)
+        return bool(np.nanmax(off[:2], initial=0.0) > noise or np.nanmax(off[-2:], initial=0.0) > 1e-3)
 
     def snapshot(self) -> RecordingWatch:
         """A copy of the present state, which later rows do not change."""
@@ -213,7 +239,7 @@ class RecordingWatch:
         # what may have changed is in the covariance from here on
         rig = replace(self.rig.drifted(), drift=Drift(line_px=drift.line_px, light_px=drift.light_px))
         period_s = self._period_s if self._in_time else math.nan
-        found = Recorded(rig, batch, around.reshape(-1, 2, 8), order, period_s)
+        found = Recorded(rig, batch, around, order, period_s)
         seen = np.isfinite(batch.points_px).all(axis=-1).sum(axis=-1)
         return found.picked(np.flatnonzero(seen >= self.settings.fewest_points))
 
@@ -306,16 +332,26 @@ class RecordingWatch:
     def _exchanged(self) -> list[int]:
         """Pairs of rows with exchanged pictures."""
         self._compare()
-        seldom = self._in_time and len(self._jumps) <= max(self.settings.seldom * self.count, 2)
-        return [row for pair in _exchanged(self._jumps) for row in pair] if seldom else []
+        # next to a picture that is another row's the others seem to leap, too
+        alone = np.count_nonzero(np.diff(self._jumps, prepend=-2) > 1)
+        if not alone or not self._in_time or alone > max(self.settings.seldom * self.count, 2):
+            return []
+        sigma_px = [float(np.median(each.sigma_px)) for _, each, _ in (*self._first, *self._spread)]
+        jumps = self._jumps[: self.settings.most_jumps]
+        pairs = _exchanged(np.concatenate(self._lateral), jumps, float(np.median(sigma_px or [np.nan])))
+        return [row for pair in pairs for row in pair]
 
     def _of_rows(self) -> list[Diagnosis]:
         """Rows with readings that contradict their pictures."""
-        if not self._contradicted:
+        leaping = self._spikes if self._in_time and len(self._spikes) >= self.settings.spikes else []
+        rows = sorted({*self._contradicted, *leaping})
+        if not rows:
             return []
-        count, first = len(self._contradicted), self._contradicted[0]
+        count, first = len(rows), rows[0]
         remedy = "look for loose contacts and for rows that are exchanged"
         words = f"the moments of {count} rows contradict their pictures, first row {first}"
+        if count == 1:  # in one frame the picture may be to blame
+            return [Diagnosis("moment_spikes", f"the moment of row {first} contradicts its picture", remedy, "note")]
         return [Diagnosis("moment_spikes", words, remedy)]
 
     @property
@@ -446,44 +482,64 @@ def _lateral_px(clamp: np.ndarray, tip: np.ndarray, lines_px: Sequence[np.ndarra
     return found
 
 
-def _jumps(
-    axis: tuple[np.ndarray, np.ndarray], rows: Sequence[_Pictured], moment_std_Nm: float
-) -> tuple[list[_Jump], int]:
-    """Jumps in ordered rows, except the first and the last, and how many pictures leap, readings apart.
+def _leaps(
+    lateral_px: np.ndarray, sigma_px: np.ndarray, readings: np.ndarray, moment_std_Nm: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Masks (B − 2,) of the ordered rows but the first and the last: pictures that lie off the mean of their
+    neighbours as far as these are apart; readings (B, 8) that go on smoothly; moments far off both neighbours, of
+    pictures on the mean of theirs.
 
-    moment_std_Nm : the sensor's noise.
+    lateral_px : (B, K). sigma_px : (B,) standard deviations of the points. moment_std_Nm : the sensor's noise.
     """
     settings = RecordingSettings()
-    if len(rows) < 3:
-        return [], 0
-    number, lines_px, sigma_px, readings = zip(*rows, strict=True)
-    lateral, read = _lateral_px(*axis, lines_px), np.array(readings)
-    around = 0.5 * (lateral[:-2] + lateral[2:])
-    size, apart = _unlike(lateral[1:-1], around), _unlike(lateral[:-2], lateral[2:])
-    off = np.abs(read[1:-1] - 0.5 * (read[:-2] + read[2:]))
+    size = _unlike(lateral_px[1:-1], 0.5 * (lateral_px[:-2] + lateral_px[2:]))
+    apart = _unlike(lateral_px[:-2], lateral_px[2:])
+    off, change = np.abs(readings[1:-1] - 0.5 * (readings[:-2] + readings[2:])), np.abs(readings[:-2] - readings[2:])
     joint = np.arange(off.shape[1]) >= off.shape[1] - 2
     noise = np.where(joint, settings.varies_rad, settings.varies_std * moment_std_Nm)
     # what is not read says nothing
-    smooth = ~(off > np.abs(read[:-2] - read[2:]) + noise).any(axis=1)
-    leaps = (size > settings.jumps * apart) & (size > settings.jump_sigma * np.array(sigma_px[1:-1]))
-    found = np.flatnonzero(smooth & leaps).tolist()
-    jumps = [(number[1 + k], lateral[1 + k], around[k], float(size[k])) for k in found]
-    return jumps, int(np.count_nonzero(leaps))
+    smooth = ~(off > change + noise).any(axis=1)
+    off_line = size > settings.jump_sigma * sigma_px[1:-1]
+    spikes = off[:, 0] > settings.spike_share * change[:, 0] + settings.spike_std * moment_std_Nm
+    return (size > settings.jumps * apart) & off_line, smooth, spikes & ~off_line & np.isfinite(size)
 
 
-def _exchanged(jumps: Sequence[_Jump]) -> list[tuple[int, int]]:
-    """Pairs of rows with pictures that fit between each other's neighbours, each row once, in its best pair."""
-    pairs = []
-    for (row, here, around, size), (other_row, there, other_around, other_size) in combinations(jumps, 2):
-        if abs(row - other_row) == 1:  # each is a neighbour of the other, there and back
-            around, other_around = around + 0.5 * (here - there), other_around + 0.5 * (there - here)
-        left = float(max(_unlike(here, other_around), _unlike(there, around)))
-        pairs.append((left / min(size, other_size), row, other_row))
+def _exchanged(lateral_px: np.ndarray, jumps: Sequence[int], sigma_px: float) -> list[tuple[int, int]]:
+    """Pairs of rows, one of them a jump, with pictures without which both places are smoother; each row once, in its
+    best pair. lateral_px : (N, K) of all rows. sigma_px : standard deviation of the points."""
+    pairs, settings = [], RecordingSettings()
+    around = np.full_like(lateral_px, np.nan)
+    around[1:-1] = 0.5 * (lateral_px[:-2] + lateral_px[2:])
+    size = _unlike(lateral_px, around)
+    for row in jumps:
+        # each picture between the other's neighbours; of two that follow each other the jump itself is one
+        left = np.maximum(_unlike(lateral_px[row], around), _unlike(lateral_px, around[row])) / size[row]
+        left[np.abs(np.arange(len(size)) - row) == 1] = 0.0
+        left[~(size > settings.jump_sigma * sigma_px)] = np.nan
+        left[row] = np.nan
+        for other in np.argsort(left)[: settings.most_jumps].tolist():
+            before, after = (_rough(lateral_px, row, other, swapped) for swapped in (False, True))
+            bound = settings.fits_both if other in jumps else settings.fits
+            if left[other] < bound and after < settings.fits * before:
+                pairs.append((after - before, min(row, other), max(row, other)))
     found: list[tuple[int, int]] = []
-    for _, *rows in sorted(pair for pair in pairs if pair[0] < RecordingSettings.fits):
-        if not {row for pair in found for row in pair} & set(rows):
-            found.append((rows[0], rows[1]))
+    for _, one, other in sorted(pairs):
+        # the neighbours of two exchanged rows seem to be exchanged, too
+        if not any(abs(row - each) < 2 for pair in found for each in pair for row in (one, other)):
+            found.append((one, other))
     return found
+
+
+def _rough(lateral_px: np.ndarray, one: int, other: int, swapped: bool) -> float:
+    """Sum of the squared distances of two rows and their neighbours from the mean of the rows on either side; with the
+    two exchanged if `swapped`."""
+    rows = np.unique([one - 1, one, one + 1, other - 1, other, other + 1])
+    rows = rows[(rows > 0) & (rows < len(lateral_px) - 1)]
+    places = np.stack([rows - 1, rows, rows + 1])
+    if swapped:
+        places = np.where(places == one, other, np.where(places == other, one, places))
+    before, here, after = lateral_px[places]
+    return float(np.nansum(_unlike(here, 0.5 * (before + after)) ** 2))
 
 
 def _unlike(one_px: np.ndarray, other_px: np.ndarray) -> np.ndarray:
