@@ -87,7 +87,7 @@ class RigWatch:
         """The surest camera's verdict on some frames, its name where there are several, and the time it took, s."""
         begin_s, judged = time.monotonic(), list[tuple[RecordingVerdict, str]]()
         for name, one in self.rig.cameras.items():
-            watch = RecordingWatch(one)
+            watch = RecordingWatch(one, series=False)
             for _, measured, contact in frames:
                 watch.push(measured.of_camera(name) if name in self.rig.others else measured, contact)
             judged.append((watch.verdict(), name if self.rig.others else ""))

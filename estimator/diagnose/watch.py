@@ -61,10 +61,14 @@ _Pictured = tuple[int, np.ndarray, float, np.ndarray]
 
 @dataclass(eq=False)
 class RecordingWatch:
-    """Collects frames of a recording, in order and in 32 bytes a row besides those of some frames that it keeps."""
+    """Collects frames of a recording, in order and in 32 bytes a row besides those of some frames that it keeps.
+
+    series : whether the rows follow each other; those picked out of a recording do not.
+    """
 
     rig: Rig
     settings: RecordingSettings = field(default_factory=RecordingSettings)
+    series: bool = True
 
     def __post_init__(self) -> None:
         self.count = 0
@@ -327,7 +331,7 @@ class RecordingWatch:
     @property
     def _in_time(self) -> bool:
         """Whether the frames are a series in time: the pictures of others leap at most rows."""
-        return self._leaps <= self.settings.series * self.count
+        return self.series and self._leaps <= self.settings.series * self.count
 
     def _exchanged(self) -> list[int]:
         """Pairs of rows with exchanged pictures."""
