@@ -62,6 +62,15 @@ class Recorded:
         """The frames without the moment sensors' readings."""
         return self.with_readings(readings_Nm=np.full_like(self.batch.readings_Nm, np.nan))
 
+    @property
+    def log_density_of_none(self) -> float:
+        """Log density of a moment that says nothing, so that it lies anywhere in the readings' range, over that of one
+        which fits."""
+        read, std = self.batch.readings_Nm[:, 0], self.rig.moment_sensor.std_Nm
+        there = read[np.isfinite(read)]
+        spread = max(float(np.ptp(there)) if len(there) else 0.0, std * RecordingSettings.varies_std)
+        return -float(np.log(spread / (2.5 * std)))
+
     def with_rig(self, rig: Rig, first: int = 0) -> Recorded:
         """The frames with another rig from one frame on."""
         return replace(self, later=(first, rig)) if first else replace(self, rig=rig)
@@ -199,7 +208,7 @@ def _eliminated(
 
 
 @dataclass(frozen=True, eq=False)
-class Weighed:
+class _Weighed:
     """The joint explanation of frames with one rig.
 
     Attributes
@@ -239,7 +248,7 @@ def weighed(
     more: np.ndarray | None = None,
     as_free: np.ndarray | None = None,
     log_density: float | np.ndarray = 0.0,
-) -> Weighed:
+) -> _Weighed:
     """The frames' joint explanation, robustly. best, scale : (F,) least cost of each frame, and its noise scale.
 
     more : (18 + P, Q) further axes about which information is wanted. as_free : as `_Fitted.shared`. log_density : of a
@@ -275,7 +284,7 @@ def weighed(
     if not clipped(steps).sum() + 0.5 * steps @ steps < clipped(0.0 * steps).sum():
         steps = 0.0 * steps
     each = weights[:, None, None] * information, weights[:, None] * score
-    return Weighed(clipped(steps), steps, each)
+    return _Weighed(clipped(steps), steps, each)
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,7 +328,7 @@ class Case:
         return replace(self, recorded=self.recorded.picked(rows), best=best, scale=scale, free=free)
 
     @cached_property
-    def reported(self) -> Weighed:
+    def reported(self) -> _Weighed:
         """The fit with everything as reported."""
         return weighed(self.recorded.fit, self.best, self.scale, self.axes)
 
@@ -330,7 +339,7 @@ class Case:
         return [self.free, np.ones_like(self.free)] if self.many_lost and not self.free.all() else [self.free]
 
     @cached_property
-    def as_free(self) -> list[Weighed]:
+    def as_free(self) -> list[_Weighed]:
         """The joint explanation with the free antenna in each of `frees`, in which a common change stands out at any
         distance from the rig."""
         return [weighed(self.recorded.fit, self.best, self.scale, self.axes, free) for free in self.frees]
@@ -403,16 +412,21 @@ class Case:
         """The cost of the same frames with other readings, or another rig."""
         return self.together(other, log_density).cost
 
-    def together(self, other: Recorded, log_density: float | np.ndarray = 0.0) -> Weighed:
+    def together(self, other: Recorded, log_density: float | np.ndarray = 0.0) -> _Weighed:
         """The joint explanation of the same frames with other readings, or another rig."""
         return weighed(other.fit, self.best, self.scale, log_density=log_density)
+
+    def with_missing(self, other: Recorded) -> _Weighed:
+        """The joint explanation of the same frames with other readings, of which some may be missing."""
+        lost = np.isfinite(self.recorded.batch.readings_Nm[:, 0]) & np.isnan(other.batch.readings_Nm[:, 0])
+        return self.together(other, lost * self.recorded.log_density_of_none)
 
     def gained_by(self, other: Recorded, log_density: float | np.ndarray = 0.0) -> float:
         """By how much the frames cost less with other readings or another rig, apart from the frame that gains most."""
         found = self.together(other, log_density)
         return self.cost - found.cost - self.of_one(found)
 
-    def of_one(self, found: Weighed) -> float:
+    def of_one(self, found: _Weighed) -> float:
         """Largest decrease of a single frame's cost by another explanation; 0 where there is only one frame.
 
         Hypotheses about all frames do not count it: the fit of one frame may just have ended in another minimum."""

@@ -16,7 +16,7 @@ from vbaa_calib.rig import WrenchSensor
 from vbaa_calib.session import READINGS as SENSED
 
 from .changes import CHANGES, Change, axes_of, fitted
-from .evidence import Case, Recorded, Weighed
+from .evidence import Case, Recorded
 from .settings import RecordingSettings
 
 
@@ -369,7 +369,7 @@ def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
         return
     without = recorded.without_moments()
     constant = np.ptp(read[there]) <= 1e-3 * std
-    none = 0.0 if constant else _log_density_of_none(recorded)
+    none = 0.0 if constant else recorded.log_density_of_none
     gained = case.cost - case.cost_of(without, none) - RecordingSettings.vague * (not constant)
     kind, words = "moment_dead", "the moment readings do not follow the antenna"
     if constant:
@@ -408,14 +408,6 @@ def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
         if gained > RecordingSettings.hinted:
             likely.append((gained, row, corrected))
     yield from _compared(case, likely, known)
-
-
-def _log_density_of_none(recorded: Recorded) -> float:
-    """Log density of a moment that says nothing, so that it lies anywhere in its range, over that of one which fits."""
-    read, std = recorded.batch.readings_Nm[:, 0], recorded.rig.moment_sensor.std_Nm
-    there = read[np.isfinite(read)]
-    spread = max(float(np.ptp(there)) if len(there) else 0.0, std * RecordingSettings.varies_std)
-    return -float(np.log(spread / (2.5 * std)))
 
 
 def _drifting(recorded: Recorded, off: np.ndarray, std: np.ndarray) -> tuple[_ReadingMistake, Recorded] | None:
@@ -481,19 +473,13 @@ def _shifts_explained(case: Case) -> Iterator[Explanation[Case]]:
         corrected, few = changed(value, case.recorded), changed(value, some.recorded)
         if corrected is None or few is None or not abs(value) > 2.0 * std:
             continue
-        gained -= some.of_one(_together(some, few))
+        gained -= some.of_one(some.with_missing(few))
         side = "before" if value > 0.0 else "behind"
         size = f"{abs(value) * period_s:.3g} ± {std * period_s:.1g} s {side}"
         if changed is _tilted:
             size = f"{np.degrees(-value):+.2g} ± {np.degrees(std):.1g}°"
         diagnosis = Diagnosis(name, words.format(size), remedy, "wrong")
         yield Explanation(diagnosis, gained - settings.unlikely, partial(case.explained_by, corrected))
-
-
-def _together(case: Case, corrected: Recorded) -> Weighed:
-    """The joint explanation of a case's frames with other readings, of which some may be missing."""
-    lost = np.isfinite(case.recorded.batch.readings_Nm[:, 0]) & np.isnan(corrected.batch.readings_Nm[:, 0])
-    return case.together(corrected, lost * _log_density_of_none(case.recorded))
 
 
 def _interpolable(recorded: Recorded) -> np.ndarray:
@@ -517,7 +503,7 @@ def _least_cost(
 
     def cost(value: float, case: Case = case) -> float:
         corrected = changed(value, case.recorded)
-        return np.inf if corrected is None else _together(case, corrected).cost + float(np.log1p((value / step) ** 2))
+        return np.inf if corrected is None else case.with_missing(corrected).cost + float(np.log1p((value / step) ** 2))
 
     value = min((0.0, *far.tolist(), *(-far).tolist()), key=partial(cost, case=few))
     best, curvature = cost(value), 1.0 / step**2
