@@ -68,7 +68,9 @@ class Recorded:
         which fits."""
         read, std = self.batch.readings_Nm[:, 0], self.rig.moment_sensor.std_Nm
         there = read[np.isfinite(read)]
-        spread = max(float(np.ptp(there)) if len(there) else 0.0, std * RecordingSettings.varies_std)
+        if not len(there):
+            return 0.0
+        spread = max(float(np.ptp(there)), std * RecordingSettings.varies_std)
         return -float(np.log(spread / (2.5 * std)))
 
     def with_rig(self, rig: Rig, first: int = 0) -> Recorded:
