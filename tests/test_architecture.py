@@ -31,11 +31,11 @@ NATIVE = [path for kind in ("cpp", "hpp") for path in sorted((ROOT / "vbaa_calib
 CXX_CONSTANTS = re.compile(r"^(?:inline )?(?:constexpr|const) .*", re.MULTILINE)
 CXX_CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b(?=[^=;(,]*=)")
 MOST = {
-    "module constants": 820,
+    "module constants": 817,
     "class names used twice": 0,
     "classes": 439,
     "public names": 1100,
-    "private words": 53,
+    "private words": 50,
     "type: ignore": 4,
     "words on pages": 29952,
 }
