@@ -463,10 +463,11 @@ def _shifts_explained(case: Case) -> Iterator[Explanation[Case]]:
         ("moment_late", later("moments", "the sensor's delay or clock"), f"{stamps}, and no filter", of_moments, rows),
         ("joint_offset", "the tilt is off by {}", zero, _tilted, angles),
     ):
-        if far is rows[1] and not np.isfinite(period_s):
+        of_clock = changed is not _tilted
+        if of_clock and not np.isfinite(period_s):
             continue  # between frames of their own a reading means nothing
         found = [(case, *_least_cost(case, changed, step, far))]
-        if far is rows[1] and abs(found[0][1]) < 1.0:
+        if of_clock and abs(found[0][1]) < 1.0:
             # a part of a row may show better without the frames between which moments do not change evenly
             found.append((calm, *_least_cost(calm, changed, step, np.ones(1))))
         some, value, std, gained = max(found, key=lambda each: each[-1])
@@ -474,10 +475,9 @@ def _shifts_explained(case: Case) -> Iterator[Explanation[Case]]:
         if corrected is None or few is None or not abs(value) > 2.0 * std:
             continue
         gained -= some.of_one(some.with_missing(few))
-        side = "before" if value > 0.0 else "behind"
-        size = f"{abs(value) * period_s:.3g} ± {std * period_s:.1g} s {side}"
-        if changed is _tilted:
-            size = f"{np.degrees(-value):+.2g} ± {np.degrees(std):.1g}°"
+        size = f"{np.degrees(-value):+.2g} ± {np.degrees(std):.1g}°"
+        if of_clock:
+            size = f"{abs(value) * period_s:.3g} ± {std * period_s:.1g} s {'before' if value > 0.0 else 'behind'}"
         diagnosis = Diagnosis(name, words.format(size), remedy, "wrong")
         yield Explanation(diagnosis, gained - settings.unlikely, partial(case.explained_by, corrected))
 

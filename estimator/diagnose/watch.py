@@ -89,6 +89,7 @@ class RecordingWatch:
         self._axis = _image_of_axis(self.rig)
         self._pictures: list[_Pictured] = []  # rows that are yet to be compared, after the last two that were
         self._lateral: list[np.ndarray] = []  # (B, K) px, of the rows that were compared: `_lateral_px`
+        self._compared = 0  # number of these rows
         self._jumps: list[int] = []  # rows with pictures that leap while the readings go on smoothly
         self._leaps = 0  # rows with a picture that leaps, whatever the readings do
         self._spikes: list[int] = []  # rows with a moment that leaps while the picture does not
@@ -190,8 +191,8 @@ class RecordingWatch:
             return
         number, lines_px, sigma_px, readings = zip(*self._pictures, strict=True)
         lateral = _lateral_px(*self._axis, lines_px)
-        known = sum(map(len, self._lateral)) - number[0]
-        self._lateral.append(lateral[known:].astype(np.float32))
+        self._lateral.append(lateral[self._compared - number[0] :].astype(np.float32))
+        self._compared = number[-1] + 1
         if len(number) < 3:
             return
         std_Nm = self.rig.moment_sensor.std_Nm

@@ -273,14 +273,16 @@ class Linearised:
     def weights(self) -> np.ndarray:
         """(R,) factors on residuals and Jacobian that turn the robust cost into least squares."""
         measured = len(self.residuals) - self.certain
-        return np.concatenate([np.sqrt(self.loss[1](self.residuals[:measured])), np.ones(self.certain)])
+        _, weights = self.loss
+        return np.concatenate([np.sqrt(weights(self.residuals[:measured])), np.ones(self.certain)])
 
     @property
     def cost(self) -> float:
         """The cost: the robust loss of the data residuals plus half the squares of the priors'."""
         measured = len(self.residuals) - self.certain
         prior = self.residuals[measured:]
-        return float(self.loss[0](self.residuals[:measured]).sum()) + 0.5 * float(prior @ prior)
+        losses, _ = self.loss
+        return float(losses(self.residuals[:measured]).sum()) + 0.5 * float(prior @ prior)
 
     @property
     def is_finite(self) -> bool:
