@@ -7,8 +7,6 @@ import pytest
 
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.native import core
-from vbaa_calib.simulate.contact.stick_slip import Bases, Setting
-from vbaa_calib.simulate.contact.strokes import follow
 from vbaa_calib.simulate.contact.touch import touch
 from vbaa_calib.simulate.scene.objects import Bump, TouchObject
 
@@ -85,19 +83,6 @@ def test_a_pressed_beam_sticks_then_slides_and_back() -> None:
     np.testing.assert_allclose(slid, [0, 0, 0, 0, 0.5, 0, 0, 0, -0.25, 0], atol=3e-3)
     point = in_world(poses, result)[0][:, 2] / (mu * push)
     np.testing.assert_allclose(point, np.cumsum(slid), atol=1e-2)
-
-
-@pytest.mark.parametrize("stiffness", [math.inf, 300.0])
-def test_without_friction_step_by_step_is_all_at_once(stiffness: float) -> None:
-    poses, obj = pressed_and_swept(3), cylinder(stiffness_N_m=stiffness)
-    once = touch(real_rod(), RADIUS, obj, poses, WEIGHT)
-    ((touches, _, held),) = follow(Setting(real_rod(), RADIUS, obj, WEIGHT), [Bases.of(poses)])
-    np.testing.assert_array_equal(touches, once.in_contact)
-    on = np.flatnonzero(once.in_contact)
-    np.testing.assert_allclose(held.arclength_m[on], once.contact_m[on], atol=1e-9)
-    np.testing.assert_allclose(held.press_N[on], np.linalg.norm(once.force_antenna_N[on], axis=1), rtol=1e-7)
-    # the slips of the two are worked out from other numbers, in steps and frame by frame
-    np.testing.assert_allclose(held.slipped_m[on[1:]], once.slip_world_m[on[1:]], atol=2e-5)
 
 
 def test_a_rounded_edge_is_a_cylinder_between_its_faces_and_a_ball_without_bumps_a_sphere() -> None:

@@ -43,11 +43,12 @@ class _StrokeSettings:
     sticks_m: float = 1e-6
     step_m: float = 4e-3  # largest motion of the free antenna in one step
     most_steps: int = 100  # between two frames
-    halvings: int = 6  # of a step that does not converge
+    halvings: int = 6  # of all steps between two frames, where one does not converge
     doublings: int = 8  # of the length in which the first touch is bracketed
     snap_m: float = 2e-4  # depth behind the place of contact from which the antenna has snapped past the object
     clear_m: float = 2e-3  # gap that is surely open
     fine: int = 24  # places along a bracket at which the gap is looked up
+    finest_m: float = 1e-7  # distance of such places where the gap may be smaller between them
     tolerance: float = 1e-11  # of a solution: on lengths in L, moments in EI/L and n·t
     samples: int = 400  # of the antenna, at which the object is sought
 

@@ -1,7 +1,7 @@
 """Strokes of antennas along an object, frame by frame: where they touch, stick, slide and lift off.
 
-All strokes of a recording advance together. Between two frames the base moves evenly, in steps of at most `step_m`; a
-step without an equilibrium is halved.
+All strokes of a recording advance together. Between two frames the base moves evenly, in steps of at most `step_m`, and
+in shorter ones where a step has no equilibrium.
 """
 
 from __future__ import annotations
@@ -128,17 +128,32 @@ def _gaps(
     A nearest point beyond the object's ends, or at the clamp, counts as clear.
     """
     bases, points_m = place
-    rows = np.arange(len(points_m))
     nearest = setting.object.rough_distance(bases.world(points_m)).argmin(axis=1)
-    low = arclength_m[np.maximum(nearest - 1, 0)]
-    high = arclength_m[np.minimum(nearest + 1, len(arclength_m) - 1)]
+    ends = arclength_m[np.clip([nearest - 1, nearest + 1], 0, len(arclength_m) - 1)]
+    gap, at, point, normal = _gaps_between(setting, place, arclength_m, ends)
+    apart = (ends[1] - ends[0]) / (STROKE.fine - 1)
+    # between two of these places a thin edge may be touched
+    while (rows := np.flatnonzero((gap > 0.0) & (gap < apart / 2) & (apart > STROKE.finest_m))).size:
+        close = np.array([at[rows] - apart[rows], at[rows] + apart[rows]])
+        some = bases.picked(rows), points_m[rows]
+        gap[rows], at[rows], point[rows], normal[rows] = _gaps_between(
+            setting, some, arclength_m, np.clip(close, 0.0, arclength_m[-1])
+        )
+        apart[rows] *= 2 / (STROKE.fine - 1)
+    passes = ~setting.object.within(point) | (at < 0.01 * setting.rod.length_m)
+    return np.where(passes, np.abs(gap) + STROKE.clear_m, gap), at, point, normal
+
+
+def _gaps_between(
+    setting: Setting, place: _Place, arclength_m: np.ndarray, ends_m: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """What `_gaps` gives, at the nearest of a few places between arc lengths (2, B)."""
+    (bases, points_m), (low, high) = place, ends_m
     fine = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, STROKE.fine)
     close = bases.world(_interpolated(points_m, arclength_m, fine))
     distance, normal = setting.object.signed_distance(close)
-    best = distance.argmin(axis=1)
-    gap = distance[rows, best] - setting.radius_at(fine[rows, best])
-    passes = ~setting.object.within(close[rows, best]) | (fine[rows, best] < 0.01 * setting.rod.length_m)
-    return np.where(passes, np.abs(gap) + STROKE.clear_m, gap), fine[rows, best], close[rows, best], normal[rows, best]
+    best = np.arange(len(close)), distance.argmin(axis=1)
+    return distance[best] - setting.radius_at(fine[best]), fine[best], close[best], normal[best]
 
 
 def _interpolated(points_m: np.ndarray, arclength_m: np.ndarray, at_m: np.ndarray) -> np.ndarray:
@@ -160,23 +175,31 @@ class _Walk:
     gap_m: np.ndarray
 
 
-def _to_frame(walk: _Walk, frame: int, friction: float) -> tuple[_Walk, np.ndarray, np.ndarray]:
-    """Advance to a frame. Returns the slip vector (B, 3) and the slip path's length (B,)."""
-    setting, path = walk.setting, walk.path
+def _to_frame(walk: _Walk, frame: int, friction: float, finer: int = 0) -> tuple[_Walk, np.ndarray, np.ndarray]:
+    """Advance to a frame, in 2^`finer` times as many steps as usual, or more where a step has no equilibrium. Returns
+    the slip vector (B, 3) and the slip path's length (B,)."""
+    setting, path, begun = walk.setting, walk.path, walk
     ways, gap = path.ways(frame), _gaps(setting, path.at(frame, 1.0), path.arclength_m)[0]
     # a free antenna may also have met the object on its way
     busy = walk.touches | (walk.gap_m + gap < ways)
-    steps = int(np.clip(np.ceil(ways[busy].max(initial=0.0) / STROKE.step_m), 1, STROKE.most_steps))
+    steps = int(np.clip(np.ceil(ways[busy].max(initial=0.0) / STROKE.step_m), 1, STROKE.most_steps)) * 2**finer
     slipped, slid_m = np.zeros_like(walk.contacts.point_m), np.zeros(len(walk.touches))
     for step in range(1, steps + 1):
         ends = path.at(frame, (step - 1) / steps), path.at(frame, step / steps)
-        walk, way = _step(walk, ends, friction, frame - 1)
+        walk, lost = _step(walk, ends, friction, frame - 1)
+        if lost.size and finer < STROKE.halvings:
+            return _to_frame(begun, frame, friction, finer + 1)
+        if lost.size:
+            reason = "no equilibrium; the antenna may have slipped off"
+            raise _refused(len(gap), int(lost[0]), frame - 1, reason)
+        way = np.where(walk.touches[:, None], walk.contacts.slipped_m, 0.0)
         slipped, slid_m = slipped + way, slid_m + np.linalg.norm(way, axis=1)
     return walk, slipped, slid_m
 
 
 def _step(walk: _Walk, ends: tuple[_Place, _Place], friction: float, frame: int) -> tuple[_Walk, np.ndarray]:
-    """Advance by one step of the base: contacts that last, begin and end; returns their slip (B, 3)."""
+    """Advance by one step of the base, in which contacts last, begin and end; and the strokes that have no
+    equilibrium then."""
     near = _gaps(walk.setting, ends[1], walk.path.arclength_m)
     gap, count = near[0], len(near[0])
     before, guess, after = (Held.nowhere(count) for _ in range(3))
@@ -187,16 +210,13 @@ def _step(walk: _Walk, ends: tuple[_Place, _Place], friction: float, frame: int)
         met, start = _landing(walk, ends, near, landing)
         before.put(landing, met)
         guess.put(landing, start)
-    rows = np.concatenate([lasting, landing])
-    touches, way = np.zeros(count, bool), np.zeros((count, 3))
+    rows, touches = np.concatenate([lasting, landing]), np.zeros(count, bool)
     if rows.size:
-        bases = ends[0][0].picked(rows), ends[1][0].picked(rows)
-        found, good = _carry(walk.setting, bases, before.picked(rows), guess.picked(rows), friction, STROKE.halvings)
+        found, good = advance(walk.setting, ends[1][0].picked(rows), before.picked(rows), guess.picked(rows), friction)
         if not good.all():
-            raise _refused(count, int(rows[np.argmin(good)]), frame, "no equilibrium; the antenna may have slipped off")
+            return walk, rows[~good]
         after.put(rows, found)
         touches[rows] = (found.press_N > 0.0) & walk.setting.object.within(found.place_m)
-        way[touches] = after.slipped_m[touches]
     # the free antenna would lie beyond the last contact
     at = np.nan_to_num(walk.contacts.arclength_m)[:, None]
     point = ends[1][0].world(_interpolated(ends[1][1], walk.path.arclength_m, at))[:, 0]
@@ -204,7 +224,12 @@ def _step(walk: _Walk, ends: tuple[_Place, _Place], friction: float, frame: int)
     snapped = walk.touches & (after.press_N <= 0.0) & behind
     if snapped.any():
         raise _refused(count, int(np.argmax(snapped)), frame, "the antenna has slipped off the object")
-    return replace(walk, contacts=after, touches=touches, gap_m=gap), way
+    # beyond a sphere's middle a contact without friction is no stable equilibrium
+    past = touches & ((after.normal * near[3]).sum(axis=1) < 0.0)
+    if friction == 0.0 and walk.setting.object.shape == "sphere" and past.any():
+        reason = "the antenna would slip off round the sphere; push less far, or use a cylinder"
+        raise _refused(count, int(np.argmax(past)), frame, reason)
+    return replace(walk, contacts=after, touches=touches, gap_m=gap), rows[:0]
 
 
 def _landing(
@@ -233,22 +258,3 @@ def _landing(
         moment = nothing
     guess = Held(moment, at, press, nothing, point - gap[:, None] * normal, normal, point, tangent, nothing)
     return replace(guess, point_m=was + share * (point - was)), guess
-
-
-def _carry(
-    setting: Setting, ends: tuple[Bases, Bases], before: Held, guess: Held, friction: float, halvings: int
-) -> tuple[Held, np.ndarray]:
-    """The contacts at the end of a step, and the mask of those found; failures are retried in two half steps."""
-    found, good = advance(setting, ends[1], before, guess, friction)
-    rows = np.flatnonzero(~good)
-    if rows.size == 0 or halvings == 0:
-        return found, good
-    start, end = (bases.picked(rows) for bases in ends)
-    middle = _between(start, end, 0.5)
-    first, fine = _carry(setting, (start, middle), before.picked(rows), guess.picked(rows), friction, halvings - 1)
-    if not fine.all():
-        return found, good
-    second, fine = _carry(setting, (middle, end), first, first, friction, halvings - 1)
-    found.put(rows, replace(second, slipped_m=first.slipped_m + second.slipped_m))
-    good[rows] = fine
-    return found, good

@@ -1,8 +1,6 @@
 """The antenna pressed against an object: contact point and force in each frame of a recording.
 
-Frictionless contacts with a cylinder, a sphere or a knife edge depend only on the side from which the antenna came: all
-frames are solved at once (`at_once`). With friction, and on other objects, frames are solved in order (`strokes`), with
-Coulomb friction and sticking (`stick_slip`).
+Frames are solved in order (`strokes`), with Coulomb friction and sticking (`stick_slip`).
 
 Neglected: the lever of friction about the centreline (one antenna radius, below 1 % in twist and bending), and rolling
 of the wire about its own axis.
@@ -11,7 +9,7 @@ of the wire about its own axis.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,7 +18,6 @@ from vbaa_calib.core.errors import SolveError
 from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.scene.objects import TouchObject
 
-from .at_once import touch_at_once
 from .stick_slip import Bases, Held, Setting
 from .strokes import follow
 
@@ -84,17 +81,12 @@ def touch_strokes(
     """`touch` for several independent strokes, which is faster than one by one."""
     setting = Setting(rod, antenna_radius_m, obj, np.asarray(gravity_world_m_s2, float))
     bases = [Bases.of(poses) for poses in strokes]
-    if obj.friction == 0.0 and obj.shape in ("cylinder", "sphere", "knife_edge"):
-        return [_touch(setting, at, *touch_at_once(setting, at)) for at in bases]
-    return [
-        replace(_touch(setting, at, touching, contacts), sticks=sticks, slip_world_m=contacts.slipped_m)
-        for at, (touching, sticks, contacts) in zip(bases, follow(setting, bases), strict=True)
-    ]
+    return [_touch(setting, at, *found) for at, found in zip(bases, follow(setting, bases), strict=True)]
 
 
-def _touch(setting: Setting, bases: Bases, touching: np.ndarray, contacts: Held) -> Touch:
-    """The antenna's shapes under the forces of contacts that slide. touching : (B,) mask of those that exist. Raises
-    SolveError for impossible contacts."""
+def _touch(setting: Setting, bases: Bases, touching: np.ndarray, sticks: np.ndarray, contacts: Held) -> Touch:
+    """The antenna's shapes under the forces of contacts. touching, sticks : (B,) masks of those that exist, and that
+    stick. Raises SolveError for impossible contacts."""
     rod, obj = setting.rod, setting.object
     lost = ~touching[:, None]
     normal = np.where(lost, np.nan, contacts.normal)
@@ -103,30 +95,20 @@ def _touch(setting: Setting, bases: Bases, touching: np.ndarray, contacts: Held)
     where = np.where(touching, contacts.arclength_m, rod.length_m / 2)
     radius = setting.radius_at(where)
     shape = solve_rod(rod, setting.gravity_world_m_s2 @ bases.rotation, where, force)
-    point, tangent = (values[:, 0] for values in sample_shape(shape, where[:, None]))
-    point = np.where(lost, np.nan, point)
+    point = np.where(lost, np.nan, sample_shape(shape, where[:, None])[0][:, 0])
     in_world, indentation = bases.world(point), contacts.press_N / obj.stiffness_N_m
     contact = np.where(touching, contacts.arclength_m, np.nan)
-    slip = _slips(in_world, contact, np.einsum("bij,bj->bi", bases.rotation, tangent), normal)
     # of the surface, next to where it touches
-    deepest = (obj.signed_distance(bases.world(shape.points_m))[0] - setting.radius_at(shape.arclength_m)).min(axis=1)
+    points = bases.world(shape.points_m)
+    depth = np.where(obj.within(points), setting.radius_at(shape.arclength_m) - obj.signed_distance(points)[0], -np.inf)
     reasons = {
-        "the antenna would pass through the object elsewhere": deepest < -indentation - 1e-6,
-        "the contact lies beyond the object's end": ~obj.within(in_world),
+        "the antenna would pass through the object": depth.max(axis=1) > np.where(touching, indentation, 0.0) + 1e-6,
+        "the contact lies beyond the object's end": touching & ~obj.within(in_world),
     }
     if obj.shape == "knife_edge":
         reasons["the antenna lies on the blade's flank"] = normal @ obj.wedge_world >= 0.0
     for reason, found in reasons.items():
-        if (found & touching).any():
-            raise SolveError(f"frame {np.flatnonzero(found & touching)[0]}: {reason}")
+        if found.any():
+            raise SolveError(f"frame {np.argmax(found)}: {reason}")
     touched = in_world - (radius - indentation)[:, None] * normal
-    return Touch(touching, contact, force, point, touched, normal, np.zeros_like(touching), slip, shape)
-
-
-def _slips(points: np.ndarray, arclength: np.ndarray, tangents: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """(B, 3) slip ΔX − t Δs tangential to the object, world frame; zero where the previous frame has no contact."""
-    middle = tangents[1:] + tangents[:-1]
-    middle = middle / np.linalg.norm(middle, axis=1, keepdims=True)
-    way = np.diff(points, axis=0) - np.diff(arclength)[:, None] * middle
-    way = way - (way * normal[1:]).sum(axis=1, keepdims=True) * normal[1:]
-    return np.nan_to_num(np.vstack([np.zeros((1, 3)), way]))
+    return Touch(touching, contact, force, point, touched, normal, sticks, contacts.slipped_m, shape)

@@ -1,6 +1,5 @@
 #include <nanobind/stl/array.h>
 
-#include "../simulate_at_once.hpp"
 #include "../simulate_casting.hpp"
 #include "../simulate_picture.hpp"
 #include "../simulate_stick_slip.hpp"
@@ -166,18 +165,6 @@ auto tube_pixels(const InMatrix& curve, int width, int height, const InMatrix& i
     return arrays(found.rows, found.columns, found.nearest, found.coverage, found.shade);
 }
 
-auto touch_at_once(nb::handle rod, std::array<double, 5> pressing, const InCube& frames, const InCube& limits,
-                   const InMatrix& x) {
-    require(x.shape(1) == 7 && frames.shape(0) == x.shape(0) && frames.shape(1) == 9 && frames.shape(2) == 3 &&
-                limits.shape(0) == x.shape(0) && limits.shape(1) == 2 && limits.shape(2) == 7,
-            "frames are (R, 9, 3), limits (R, 2, 7), states (R, 7)");
-    auto numbers = rod_of(rod);
-    Array<double, 2> state(view(x));
-    simulate::Pressing units = {pressing[0], pressing[1], pressing[2], pressing[3], pressing[4]};
-    int failed = unlocked([&] { return simulate::touch_at_once(numbers, units, view(frames), view(limits), state); });
-    return std::make_tuple(to_numpy(std::move(state)), failed);
-}
-
 auto advance(nb::handle rod, nb::handle object, std::array<double, 5> touching, const InCube& frames,
              const InCube& ends) {
     require(frames.shape(1) == 7 && frames.shape(2) == 3 && ends.shape(0) == frames.shape(0) && ends.shape(1) == 2 &&
@@ -224,7 +211,6 @@ void bind_simulate(nb::module_& module) {
     room.def("digitised", &digitised, "(H, W) uint8 grey levels with noise.");
     room.def("spline", &spline, "(M, D) values and slopes of the cubic spline through points.");
     room.def("tube_pixels", &tube_pixels, "Rows, columns, nearest samples (K,), coverage and shade (K, S) of a tube.");
-    room.def("touch_at_once", &touch_at_once, "States (R, 7), and the first that was not found or -1.");
     room.def("advance", &advance, "Contacts (B, 23) after a step with friction, and which were found (B,) uint8.");
     room.def("gripped", &gripped, "The grip that keeps Coulomb's law, two components.");
 }
