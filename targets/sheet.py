@@ -16,6 +16,8 @@ from .board import DICTIONARY_SIZES, AprilGrid, BoardSpec, BoardWithIds, spec_li
 
 Loop = tuple[tuple[float, float], ...]
 """A closed polygon's corners (x, y), the last joined to the first."""
+Area = tuple[Loop, ...]
+"""A black area: outlines in mm, filled by the even–odd rule (SVG's and PDF's `evenodd`)."""
 PAPERS_MM = {
     "A5": (148.0, 210.0),
     "A4": (210.0, 297.0),
@@ -81,13 +83,6 @@ def paper_name(paper: tuple[float, float]) -> str:
 
 
 @dataclass(frozen=True)
-class Shape:
-    """A black area: outlines in mm, filled by the even–odd rule (SVG's and PDF's `evenodd`)."""
-
-    loops: tuple[Loop, ...]
-
-
-@dataclass(frozen=True)
 class Stroke:
     """A straight line from (x0, y0) to (x1, y1), mm, with flat ends."""
 
@@ -117,7 +112,7 @@ class Drawing:
 
     width_mm: float
     height_mm: float
-    marks: tuple[Shape | Stroke | Label, ...]
+    marks: tuple[Area | Stroke | Label, ...]
     title: str
     subject: str
 

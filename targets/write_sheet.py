@@ -14,7 +14,7 @@ from reportlab.graphics.barcode import qrencoder
 from reportlab.pdfgen.canvas import FILL_EVEN_ODD, Canvas
 
 from .board import AprilGrid, BoardWithIds, opencv_board, spec_line
-from .sheet import PT_PER_MM, Drawing, Label, Loop, Shape, SheetLayout, Stroke, font_name
+from .sheet import PT_PER_MM, Area, Drawing, Label, Loop, SheetLayout, Stroke, font_name
 
 
 @dataclass(frozen=True)
@@ -101,8 +101,8 @@ def _placed(loops: tuple[Loop, ...], scale: float, x: float, y: float) -> tuple[
 
 
 def draw(spec: BoardWithIds, layout: SheetLayout) -> Drawing:
-    marks: list[Shape | Stroke | Label] = [
-        Shape(_placed(shape, 1.0, layout.board_x, layout.board_y)) for shape in _board_shapes(spec)
+    marks: list[Area | Stroke | Label] = [
+        _placed(shape, 1.0, layout.board_x, layout.board_y) for shape in _board_shapes(spec)
     ]
     code = qrencoder.QRCode(None, qrencoder.QRErrorCorrectLevel.M)
     code.addData(spec_line(spec))
@@ -112,7 +112,7 @@ def draw(spec: BoardWithIds, layout: SheetLayout) -> Drawing:
     # the quiet zone is within the code's room, so that the code ends at the margin
     module = layout.qr / (len(dark) + _RULER.qr_quiet)
     qr = _placed(_outlines(dark), module, layout.width - layout.margin - module * len(dark), layout.margin)
-    marks += [*_ruler(layout, turned=False), *_ruler(layout, turned=True), *layout.header, Shape(qr)]
+    marks += [*_ruler(layout, turned=False), *_ruler(layout, turned=True), *layout.header, qr]
     return Drawing(layout.width, layout.height, tuple(marks), layout.header[0].text, spec_line(spec))
 
 
@@ -166,10 +166,10 @@ def as_pdf(drawing: Drawing) -> bytes:
     return stream.getvalue()
 
 
-def _put(canvas: Canvas, mark: Shape | Stroke | Label, height: float) -> None:
-    if isinstance(mark, Shape):
+def _put(canvas: Canvas, mark: Area | Stroke | Label, height: float) -> None:
+    if isinstance(mark, tuple):
         path = canvas.beginPath()
-        for (x, y), *rest in mark.loops:
+        for (x, y), *rest in mark:
             path.moveTo(x * PT_PER_MM, (height - y) * PT_PER_MM)
             for u, v in rest:
                 path.lineTo(u * PT_PER_MM, (height - v) * PT_PER_MM)
@@ -209,9 +209,9 @@ def as_svg(drawing: Drawing) -> str:
     )
 
 
-def _element(mark: Shape | Stroke | Label) -> str:
-    if isinstance(mark, Shape):
-        loops = ("M" + "L".join(f"{_number(x)},{_number(y)}" for x, y in loop) + "Z" for loop in mark.loops)
+def _element(mark: Area | Stroke | Label) -> str:
+    if isinstance(mark, tuple):
+        loops = ("M" + "L".join(f"{_number(x)},{_number(y)}" for x, y in loop) + "Z" for loop in mark)
         return f'<path d="{"".join(loops)}"/>'
     if isinstance(mark, Stroke):
         x0, y0, x1, y1, width = map(_number, (mark.x0, mark.y0, mark.x1, mark.y1, mark.width))

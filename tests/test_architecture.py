@@ -33,11 +33,11 @@ CXX_CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b(?=[^=;(,]*=)")
 MOST = {
     "module constants": 817,
     "class names used twice": 0,
-    "classes": 439,
-    "public names": 1100,
-    "private words": 50,
+    "classes": 434,
+    "public names": 1097,
+    "private words": 49,
     "type: ignore": 4,
-    "words on pages": 29952,
+    "words on pages": 29948,
 }
 """What there may be of each. A number only goes down: a change that needs fewer lowers it."""
 

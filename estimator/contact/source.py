@@ -52,16 +52,6 @@ from .recording import (
 from .settings import ContactSettings
 
 
-@dataclass(frozen=True)
-class StreamOptions:
-    """Options of reading bags and videos. estimate_offset : whether the readings' clock is corrected by the
-    pictures."""
-
-    topics: Topics = field(default_factory=Topics)
-    timing: Timing = field(default_factory=Timing)
-    estimate_offset: bool = False
-
-
 @dataclass(frozen=True, eq=False)
 class _Stream:
     """A bag, or a video with the readings in the .csv of the same name next to it.
@@ -71,7 +61,8 @@ class _Stream:
 
     path: Path
     rig: Rig
-    options: StreamOptions
+    topics: Topics
+    timing: Timing
     no_moment: bool = False
     notes: list[str] = field(default_factory=list)
 
@@ -79,16 +70,16 @@ class _Stream:
         """Opens source and synchroniser for one pass. Raises InputError."""
         readings = self.path.with_suffix(".csv")
         table = readings if readings.is_file() and not is_bag(self.path) else None
-        timing = self.options.timing
-        known_s = None if self.options.estimate_offset and timing.offset_std_s == 0.0 else timing.offset_s
-        topics = replace(self.options.topics, wrench=self.rig.wrench_sensor is not None)
+        timing = self.timing
+        known_s = None if timing.estimate_offset and timing.offset_std_s == 0.0 else timing.offset_s
+        topics = replace(self.topics, wrench=self.rig.wrench_sensor is not None)
         found = open_recorded(self.path, self.rig.lenses, table, known_s, topics)
         return found.without_moments() if self.no_moment else found
 
     def taken(self) -> Iterator[tuple[Frame, FramePictures]]:
         """The frames with pictures, in order."""
         source = self.opened()
-        timing = replace(self.options.timing, moment_std_Nm=self.rig.reading_noise)
+        timing = replace(self.timing, moment_std_Nm=self.rig.reading_noise)
         synchronizer = Synchronizer(timing, source.channels, self.rig.image_sizes, source.notes, live=False)
         yield from taken_frames(source.messages(), synchronizer)
         std_s = timing.offset_std_s
@@ -98,12 +89,10 @@ class _Stream:
     def clocked(self, estimator: ContactEstimator, ground: Ground | None) -> _Stream:
         """The stream with the clocks' offset, if that is to be estimated. Raises InputError where the data do not
         support it."""
-        if not self.options.estimate_offset:
+        if not self.timing.estimate_offset:
             return self
-        timing = self.options.timing
-        found = recorded_clock_offset(estimator, self.opened, timing, ground)
-        timing = replace(timing, offset_s=found.offset_s, offset_std_s=found.std_s)
-        return replace(self, options=replace(self.options, timing=timing))
+        found = recorded_clock_offset(estimator, self.opened, self.timing, ground)
+        return replace(self, timing=replace(self.timing, offset_s=found.offset_s, offset_std_s=found.std_s))
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,13 +198,16 @@ def sample_of(rig: Rig, taken: Iterable[tuple[Frame, FramePictures]], folder: Pa
     return [frame for frame, _ in unpacked(rig, chosen, folder)]
 
 
-def open_source(path: Path, rig: Rig, no_moment: bool = False, options: StreamOptions | None = None) -> _Source:
+def open_source(
+    path: Path, rig: Rig, no_moment: bool = False, topics: Topics | None = None, timing: Timing | None = None
+) -> _Source:
     """Open a session folder, or its recording/centrelines.csv; a bag; a video with readings in the .csv of its name.
 
-    no_moment : ignore the moment readings. Raises InputError for what is wrong in it.
+    no_moment : ignore the moment readings. topics, timing : of bags and videos. Raises InputError for
+    what is wrong in it.
     """
     if is_stream(path):
-        stream = _Stream(path, rig, options or StreamOptions(), no_moment)
+        stream = _Stream(path, rig, topics or Topics(), timing or Timing(), no_moment)
         stream.opened()  # what is wrong is told at once
         return _Source(None, (), None, stream)
     session = _of_rig(load_session(_session_root(path)), rig)

@@ -14,7 +14,6 @@ numbers are NaN and the part is `Part.NONE`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,7 @@ import numpy as np
 from vbaa_calib.core.arrays import Array, as_floats, namespace
 from vbaa_calib.core.errors import InputError
 
-from .two_point import Part, bending, elasticity, floats, in_pieces, relative_contact
+from .two_point import Part, TwoPointContact, bending, elasticity, floats, in_pieces, relative_contact
 
 _CLOSE = 1e-9  # a step of Newton's, relative, after which one more reaches rounding
 
@@ -119,25 +118,6 @@ def _root(function: Callable[[Array], tuple[Array, Array]], above: Array, below:
     return xp.where((newton - above) * (newton - below) <= 0.0, newton, v)
 
 
-@dataclass(frozen=True, eq=False)
-class InclinedContact:
-    """Results (...) from two points of the tilted camera and the moment.
-
-    `x_m` (..., 2) is where the points really are along the antenna, the nearer one first. `solutions` is the number of
-    admissible contacts; more than one is an ambiguity, not an answer. The conditions are the largest relative errors of
-    l and of f_y per relative error of y1, y2, x_p1, x_p2 and the moment.
-    """
-
-    part: Array
-    contact_m: Array
-    force_y_N: Array
-    force_z_N: Array
-    x_m: Array
-    solutions: Array
-    condition_contact: Array
-    condition_force: Array
-
-
 def project(points_m: Any, camera_tilt_rad: Any = 0.0) -> Array:
     """Image (..., 2) on plane C of antenna points (..., 3): camera A (upright) by Eq. (23), camera B by Eq. (24)."""
     points, tilt = floats(points_m, camera_tilt_rad)
@@ -148,14 +128,14 @@ def project(points_m: Any, camera_tilt_rad: Any = 0.0) -> Array:
 
 def inclined_two_point_contact(
     xp_m: Any, y_m: Any, moment_Nm: Any, stiffness_Nm2: Any, camera_tilt_rad: Any, length_m: Any = np.inf
-) -> InclinedContact:
+) -> TwoPointContact:
     """Contact and force from two points (..., 2) of camera B and the moment τ_y (...), in all three cases.
 
     `camera_tilt_rad` is the paper's φ, `length_m` the antenna's length L; a contact beyond it is inadmissible.
     """
     position, y, *rest = floats(xp_m, y_m, moment_Nm, stiffness_Nm2, camera_tilt_rad, length_m)
     part, contact, fy, fz, x1, x2, solutions, *conditions = in_pieces(_solved, position, y, *rest)
-    return InclinedContact(part, contact, fy, fz, namespace(y).stack([x1, x2], -1), solutions, *conditions)
+    return TwoPointContact(part, contact, fy, namespace(y).stack([x1, x2], -1), fz, solutions, tuple(conditions))
 
 
 def eq29_baseline(
@@ -195,7 +175,7 @@ def _eq29(position: np.ndarray, y: np.ndarray, moment: float, stiffness: float, 
 def _solved(
     position: Array, y: Array, moment: Array, stiffness: Array, tilt: Array, length: Array
 ) -> tuple[Array, ...]:
-    """`InclinedContact` of points (n, 2), the nearer to the clamp first: part, l, f_y, f_z, x1, x2, solutions,
+    """`TwoPointContact` of points (n, 2), the nearer to the clamp first: part, l, f_y, f_z, x1, x2, solutions,
     conditions."""
     xp = namespace(y)
     (xp1, xp2), (y1, y2) = (points.T for points in (position, y))

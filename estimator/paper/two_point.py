@@ -71,26 +71,35 @@ class Part(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class TwoPointContact:
-    """Results (...) from two points on plane C at `x_m` (..., 2): a `Part`, contact distance l and f_y."""
+    """Results (...) from two points at `x_m` (..., 2) along the antenna: a `Part`, contact distance l and f_y.
+
+    By the tilted camera and the moment also f_z, and `solutions`, the number of admissible contacts: more than one is
+    an ambiguity, not an answer.
+    """
 
     part: Array
     contact_m: Array
     force_y_N: Array
     x_m: Array
+    force_z_N: Array = None
+    solutions: Array = None
+    known_conditions: tuple[Array, ...] = ()
 
     @property
     def condition_contact(self) -> Array:
-        """(...) condition number of l: its largest relative error per relative error of y1 and y2. Computed on first
-        use."""
+        """(...) condition number of l: its largest relative error per relative error of what is measured (y1 and y2; by
+        the tilted camera x_p1, x_p2 and the moment, too). Computed on first use."""
         return self._conditions[0]
 
     @property
     def condition_force(self) -> Array:
-        """(...) condition number of f_y: its largest relative error per relative error of y1 and y2."""
+        """(...) condition number of f_y: its largest relative error per relative error of the same."""
         return self._conditions[1]
 
     @cached_property
-    def _conditions(self) -> tuple[Array, Array]:
+    def _conditions(self) -> tuple[Array, ...]:
+        if self.known_conditions:
+            return self.known_conditions
         with np.errstate(all="ignore"):
             return _conditions(*(elasticity(self.x_m[..., point], self.contact_m) for point in (0, 1)))
 

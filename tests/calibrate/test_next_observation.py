@@ -42,8 +42,8 @@ def test_the_first_load_is_suggested_and_brings_what_was_predicted(free) -> None
     world, known, seen, joint = free
     progress = load_progress(joint, session(), MASSES_KG, Kinematics())
     assert not progress.enough
-    assert progress.now.total == pytest.approx(progress.now.noise, rel=1e-6)
-    assert progress.now.noise == pytest.approx(np.sqrt(joint.covariance[LOG_STIFFNESS, LOG_STIFFNESS]))
+    assert progress.now["total"] == pytest.approx(progress.now["noise"], rel=1e-6)
+    assert progress.now["noise"] == pytest.approx(np.sqrt(joint.covariance[LOG_STIFFNESS, LOG_STIFFNESS]))
     assert any("3 more loads" in words for words in progress.missing)
     load, forecast, words = progress.suggestion
     assert load.force_y_N == pytest.approx(0.0, abs=1e-12)
@@ -52,8 +52,8 @@ def test_the_first_load_is_suggested_and_brings_what_was_predicted(free) -> None
     rng = np.random.default_rng(5)
     after = solved([*seen, *observed(world, [load], rng, TRUE_READINGS)], known)
     std = np.sqrt(after.covariance[LOG_STIFFNESS, LOG_STIFFNESS])
-    assert std == pytest.approx(forecast.noise, rel=0.25)
-    assert std < 0.5 * progress.now.noise
+    assert std == pytest.approx(forecast["noise"], rel=0.25)
+    assert std < 0.5 * progress.now["noise"]
 
 
 def test_the_forecast_of_all_parameters_is_that_of_a_further_solve(free, loaded) -> None:

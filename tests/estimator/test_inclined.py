@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimator.paper import inclined
-from estimator.paper.two_point import Part, two_point_contact
+from estimator.paper.two_point import Part, TwoPointContact, two_point_contact
 from vbaa_calib.antenna import linear
 
 EI, LENGTH = 3.9e-3, 0.24
@@ -24,7 +24,7 @@ def scenes(count: int, seed: int, tilt_deg: tuple[float, float], contact_deflect
     return tilt, contact, x, f_y, f_z, inclined.project(np.stack([x, y, z], axis=-1), tilt[:, None])
 
 
-def seen(image, moment, tilt, length=LENGTH) -> inclined.InclinedContact:
+def seen(image, moment, tilt, length=LENGTH) -> TwoPointContact:
     return inclined.inclined_two_point_contact(image[..., 0], image[..., 1], moment, EI, tilt, length)
 
 

@@ -74,7 +74,7 @@ def held(gate: StillnessDetector, frames: Iterable[tuple[np.ndarray, float]]) ->
 
 
 def taken(results: list[tuple[float, _Stillness]]) -> list[float]:
-    return [time_s for time_s, result in results if result.take]
+    return [time_s for time_s, (_, take, _) in results if take]
 
 
 def clock(fps: float, until_s: float) -> np.ndarray:
@@ -86,7 +86,7 @@ def test_a_still_scene_gives_one_picture_as_soon_as_it_was_held(fps: int, noise:
     results = held(StillnessDetector(), filmed(lambda _: BOARD, clock(fps, 2.0), noise=noise, jpeg=jpeg))
     (time_s,) = taken(results)
     assert 0.69 <= time_s <= 0.7 + 1.5 / fps
-    shares = [result.share for at_s, result in results if at_s <= time_s]
+    shares = [share for at_s, (share, _, _) in results if at_s <= time_s]
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
 

@@ -38,6 +38,7 @@ class Timing:
         networks delay by less, clocks are set by more.
     agreeing : so many such stamps in a row are a clock that was set, not errors.
     together_s : pictures of several cameras that are so near in time are of one frame.
+    estimate_offset : whether a recorded source's offset is estimated by its pictures.
     """
 
     offset_s: float = 0.0
@@ -49,6 +50,7 @@ class Timing:
     jump_s: float = 1.0
     agreeing: int = 3
     together_s: float = 0.01
+    estimate_offset: bool = False
 
     def __post_init__(self) -> None:
         """Raises InputError for impossible times and standard deviations, and for an angle in degrees."""

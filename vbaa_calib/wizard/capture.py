@@ -153,12 +153,12 @@ class Capture:
             self.state.live_size, self.progress = (width, height), None
         check = self._check(picture, None)
         assert picture.time_s is not None
-        stillness = self.detector.feed(picture.image, picture.time_s, check.corners_px, check.ids)
-        self.ui.live(LivePicture(picture.image, check, stillness.share, stillness.words))
-        if stillness.take and self._jig_begins(check):
+        share, take, words = self.detector.feed(picture.image, picture.time_s, check.corners_px, check.ids)
+        self.ui.live(LivePicture(picture.image, check, share, words))
+        if take and self._jig_begins(check):
             check = self._check(picture, None)
         by_hand, self.by_hand = self.by_hand, False
-        if not stillness.take and not by_hand:
+        if not take and not by_hand:
             return
         # a video that is seen again holds still where it did before
         if picture.name in self.refused_before:

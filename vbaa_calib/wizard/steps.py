@@ -360,7 +360,7 @@ def _loads_progress(state: SessionState) -> Progress:
         then = "correct what is said above; `back` leads to it" if taken else "hang a weight on the antenna"
         return Progress(seen, (str(error),), then)
     enough = now.enough and len(taken) >= _LIMITS.least_loads
-    value, goal = f"{100 * now.now.total:.2f} %", f"{100 * _LIMITS.stiffness_std:.0f} %"
+    value, goal = f"{100 * now.now['total']:.2f} %", f"{100 * _LIMITS.stiffness_std:.0f} %"
     std = _Number("stiffness EI, one standard deviation", value, goal, now.reached)
     return Progress(
         seen=seen,

@@ -162,13 +162,8 @@ ON_A_STAND = _StillnessSettings(speed_px_s=0.0, drift_px=1.5, clear_px=6.0, same
 """For an antenna, which may still vibrate while all else is at rest, and looks the same at all angles of the joints."""
 
 
-@dataclass(frozen=True)
-class _Stillness:
-    """Fraction of the required rest that has passed, and whether to take this frame."""
-
-    share: float
-    take: bool
-    words: str
+_Stillness = tuple[float, bool, str]
+"""Fraction of the required rest that has passed, whether to take this frame, and why."""
 
 
 class StillnessDetector:
@@ -219,7 +214,7 @@ class StillnessDetector:
             return self._restart(frame, "moving: hold still")
         if not self._moved:
             self._hold = None
-            return _Stillness(0.0, False, "taken: now move on")
+            return (0.0, False, "taken: now move on")
         if self._hold is None or _motion_px(frame, self._hold[0]) > self._settings.drift_px * scale:
             return self._restart(frame, "hold still")
         return self._go_on(frame, self._hold, scale)
@@ -231,17 +226,17 @@ class StillnessDetector:
         # a frame's time stamp is rounded, to milliseconds in videos
         share = min((hold_s + 1e-3) / settings.hold_s, frames / settings.hold_frames)
         if share < 1:
-            return _Stillness(share, False, "hold still")
+            return (share, False, "hold still")
         before = None if settings.same else self._taken
         if before is not None and _motion_px(frame, before) <= 2 * settings.step_px * scale:
-            return _Stillness(0.0, False, "nothing has changed since the last picture: move on")
+            return (0.0, False, "nothing has changed since the last picture: move on")
         if frame.sharpness < settings.sharp_share * best:
             if hold_s > 2 * settings.hold_s:
                 return self._restart(frame, "the focus has changed: hold still")
-            return _Stillness(1.0, False, "hold still: waiting for a sharp frame")
+            return (1.0, False, "hold still: waiting for a sharp frame")
         self._taken, self._moved, self._hold = frame, False, None
-        return _Stillness(1.0, True, "taken")
+        return (1.0, True, "taken")
 
     def _restart(self, frame: _FrameFeatures, words: str) -> _Stillness:
         self._hold = (frame, 1, frame.sharpness)
-        return _Stillness(0.0, False, words)
+        return (0.0, False, words)

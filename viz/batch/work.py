@@ -17,7 +17,7 @@ import cv2
 import vbaa_calib
 from estimator.contact.drift import summary
 from estimator.contact.estimate import ContactEstimator
-from estimator.contact.source import StreamOptions, estimate_source, inputs_digest, is_stream, open_source
+from estimator.contact.source import estimate_source, inputs_digest, is_stream, open_source
 from estimator.contact.surroundings import AUTO, surroundings
 from estimator.diagnose import RecordingVerdict, RecordingWatch
 from estimator.diagnose.consequences import changed_row, with_unused
@@ -27,6 +27,8 @@ from vbaa_calib.core.errors import clipped, sentence_of
 from vbaa_calib.core.files import sha256
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import drift_of
+from vbaa_calib.streams import Timing
+from vbaa_calib.streams.bags import Topics
 
 from .recordings import BatchRecording
 from .results import Results, Row
@@ -45,7 +47,8 @@ class BatchSettings:
     track_zero: bool = False
     no_moment: bool = False
     background: Path | None = None
-    streams: StreamOptions = field(default_factory=StreamOptions)
+    topics: Topics = field(default_factory=Topics)
+    timing: Timing = field(default_factory=Timing)
     reconstruct: bool = False
     threads: int = 1
     again: bool = False
@@ -57,7 +60,8 @@ class BatchSettings:
         if self.background is not None and self.background != AUTO:
             pixels = sha256(self.background)
         settings = {name: getattr(self, name) for name in names} | {"background": pixels}
-        return settings | {"streams": asdict(self.streams)} if is_stream(path) else settings
+        streams = {"topics": asdict(self.topics), "timing": asdict(self.timing)}
+        return settings | {"streams": streams} if is_stream(path) else settings
 
 
 @dataclass(frozen=True)
@@ -87,7 +91,7 @@ def do(recording: BatchRecording, settings: BatchSettings, results: Results) -> 
 def _estimated(recording: BatchRecording, settings: BatchSettings, results: Results, about: Row) -> Row:
     """Write the contacts, as `vbaa estimate` does; returns the summary, that begins with `about`."""
     begun, rig = time.process_time(), Rig.load(recording.rig)
-    source = open_source(recording.path, rig, settings.no_moment, settings.streams)
+    source = open_source(recording.path, rig, settings.no_moment, settings.topics, settings.timing)
     rig = replace(rig, drift=drift_of(settings.drift, source.drift, rig.drift, track_zero=settings.track_zero))
     estimator = ContactEstimator(rig, settings.model, friction=settings.friction, jobs=settings.threads)
     with TemporaryDirectory(prefix="vbaa-stills-") as folder:

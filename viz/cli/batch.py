@@ -85,7 +85,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         track_zero=args.track_zero,
         no_moment=args.no_moment,
         background=background,
-        streams=streams.options_of(args),
+        **streams.options_of(args),
         reconstruct=args.reconstruct,
         threads=where.threads,
         again=args.force,

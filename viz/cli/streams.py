@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from vbaa_calib.cli.joints import add_joints, pan_tilt_rad
 from vbaa_calib.core.errors import InputError
@@ -15,7 +15,6 @@ from vbaa_calib.core.errors import InputError
 if TYPE_CHECKING:
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.recording import Ground
-    from estimator.contact.source import StreamOptions
     from vbaa_calib.rig import Rig
     from vbaa_calib.session import Centrelines, Frame
     from vbaa_calib.streams import MessageSource, Timing
@@ -115,14 +114,12 @@ def configure(parser: argparse.ArgumentParser, *, readings: bool = True) -> None
 ESTIMATE = "estimate"
 
 
-def options_of(args: argparse.Namespace) -> StreamOptions:
-    """The options of reading bags and videos. Raises InputError as `timing_of` and `_topics_of`."""
-    from estimator.contact.source import StreamOptions
-
+def options_of(args: argparse.Namespace) -> dict[str, Any]:
+    """Topics and timing of reading bags and videos. Raises InputError as `timing_of` and `_topics_of`."""
     if args.clock_offset == ESTIMATE and args.no_moment:
         remedy = "leave out --no-moment, or state the offset"
         raise InputError("--clock-offset estimate needs the moment", where="--no-moment", remedy=remedy)
-    return StreamOptions(_topics_of(args), timing_of(args), args.clock_offset == ESTIMATE)
+    return {"topics": _topics_of(args), "timing": timing_of(args)}
 
 
 def timing_of(args: argparse.Namespace, rig: Rig | None = None) -> Timing:
@@ -148,7 +145,8 @@ def timing_of(args: argparse.Namespace, rig: Rig | None = None) -> Timing:
         value = getattr(args, name)
         if not least <= value <= most:  # NaN is not, either
             raise InputError(f"--{name} is {value}", remedy=f"give a number from {least:g} to {most:g}")
-    timing = Timing(offset_s, args.gap, args.wait, pan_tilt_rad(args), together_s=args.together)
+    more: dict[str, Any] = {"together_s": args.together, "estimate_offset": args.clock_offset == ESTIMATE}
+    timing = Timing(offset_s, args.gap, args.wait, pan_tilt_rad(args), **more)
     return timing if rig is None else replace(timing, moment_std_Nm=rig.reading_noise)
 
 

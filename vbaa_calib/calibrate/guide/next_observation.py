@@ -143,14 +143,8 @@ def _predicted(joint: BundleAdjustment, wanted: Sequence[Observation]) -> dict[i
     return placed
 
 
-@dataclass(frozen=True)
-class _StiffnessStd:
-    """Relative standard deviations of EI: due to noise, distances, weights, and in total."""
-
-    noise: float
-    distance: float
-    mass: float
-    total: float
+_StiffnessStd = Mapping[str, float]
+"""Relative standard deviations of EI: due to "noise", "distance", "mass" (of the loads), and in "total"."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,7 +219,8 @@ class _StiffnessForecast:
         noise, mass, total = solved
         place = np.sqrt(np.maximum(total**2 - mass**2, 0.0))
         mass = np.sqrt(np.maximum(mass**2 - noise**2, 0.0))
-        return [_StiffnessStd(*row) for row in np.column_stack([noise, place, mass, total]).tolist()]
+        names = ("noise", "distance", "mass", "total")
+        return [dict(zip(names, row, strict=True)) for row in np.column_stack([noise, place, mass, total]).tolist()]
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +250,7 @@ def load_progress(
     wanted = _loads(joint, session, kinematics, masses_kg)
     candidates = [*_predicted(joint, wanted).values()] if wanted else []
     forecast = _StiffnessForecast.of(joint, candidates, joint.problem.prior.readings)
-    now, after = forecast.now(), [std.total for std in forecast.after_each()]
+    now, after = forecast.now(), [std["total"] for std in forecast.after_each()]
     kept = zip(joint.noted, joint.kept, strict=True)
     hung = [one.still for one, inside in kept if inside and isinstance(one.still, Load)]
     gain_std = float(np.sqrt(joint.covariance[GAIN, GAIN]) / max(abs(joint.parameters[GAIN]), 1e-9))
@@ -269,16 +264,16 @@ def load_progress(
     # after the best few further loads; NaN without any
     reachable, ahead = np.inf if candidates else np.nan, forecast
     for _ in range(GuideSettings.ahead if candidates else 0):
-        ahead = ahead.after(int(np.argmin([std.total for std in ahead.after_each()])))
-        reachable = min(reachable, ahead.now().total)
-    reached, helps = now.total <= goal_relative, reachable < (1 - GuideSettings.least_load_gain) * now.total
+        ahead = ahead.after(int(np.argmin([std["total"] for std in ahead.after_each()])))
+        reachable = min(reachable, ahead.now()["total"])
+    reached, helps = now["total"] <= goal_relative, reachable < (1 - GuideSettings.least_load_gain) * now["total"]
     enough = len(hung) >= GuideSettings.fewest_loads and not gain_open and (reached or not helps)
     suggestion = None
     if best is not None and (not enough or helps):
         suggestion = _suggestion(candidates[best], forecast.after(best).now(), gain_open)
     words = (
-        f"EI is known to ± {_percent(now.total)} (pictures {_percent(now.noise)}, places {_percent(now.distance)}, "
-        f"weights {_percent(now.mass)}); the goal is {_percent(goal_relative)}"
+        f"EI is known to ± {_percent(now['total'])} (pictures {_percent(now['noise'])}, places "
+        f"{_percent(now['distance'])}, weights {_percent(now['mass'])}); the goal is {_percent(goal_relative)}"
     )
     if enough and reached:
         words += ": enough, more is not needed"
@@ -308,7 +303,7 @@ def _load_words(one: Observation) -> str:
 
 
 def _suggestion(one: Observation, after: _StiffnessStd, gain_open: bool) -> tuple[Load, _StiffnessStd, str]:
-    words = f"hang {_load_words(one)}: EI to ± {_percent(after.total)}" + ", and the sensor's gain" * gain_open
+    words = f"hang {_load_words(one)}: EI to ± {_percent(after['total'])}" + ", and the sensor's gain" * gain_open
     assert isinstance(one.still, Load)
     return one.still, after, words
 
@@ -335,9 +330,9 @@ def _missing(hung: Sequence[Load], gain_std: float, possible: Sequence[Observati
 
 def _limit(now: _StiffnessStd) -> str:
     """The largest contribution to EI's uncertainty, and how to reduce it, in words."""
-    if now.noise > np.hypot(now.distance, now.mass):
+    if now["noise"] > np.hypot(now["distance"], now["mass"]):
         return "the pictures: a heavier weight bends the antenna more"
-    if now.distance > now.mass:
+    if now["distance"] > now["mass"]:
         return "the places: measure them from the clamp with a calliper"
     return "the weights: weigh them on a better balance"
 
