@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -25,7 +26,6 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.session import KnownObject
 
 from .settings import RefineSettings
-from .views import Pictures
 
 
 def _known_equations(
@@ -95,52 +95,37 @@ class Equations:
     tangent: np.ndarray  # (B, 3) of the antenna at the contact
     reading: np.ndarray  # (B,) residual of the moment about y, in deviations
     sound: np.ndarray  # (B,) bool; the others left the model's domain, and say nothing
-    # (B, V, 2) weights of each camera's picture by this state, and 0 where the antenna's end in it is another thing's
+    # (B, 2) weight of the pictures by this state, and 0 where the antenna's end in them is another thing's
     trust: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
 class RecordingProblem:
-    """Joint least-squares problem of B contacts and F frames of the free antenna."""
+    """Joint least-squares problem of B contacts and F frames of the free antenna, each seen by all cameras."""
 
+    rig: Rig  # as calibrated
+    axes: np.ndarray  # (17 + P, R) of the rig's errors (`RigArrays`), including the drift since the calibration
+    touching: Batch  # what was measured in the B contacts,
+    free: Batch  # and in the F frames
+    free_s: np.ndarray  # (F,)
     friction_rad: float  # unit of the friction angle among the unknowns
-    views: tuple[Pictures, ...]  # of each camera; the first one's rig is that of the contacts, and has the readings
     fixed_at_tip: np.ndarray  # (B,) bool, distances that are fixed at the tip
     friction: FrictionPrior  # what is known of the friction angles
     time_s: np.ndarray  # (B,) NaN where not known
     known: KnownObject | None = None  # the object that is touched, where it is known
 
-    @property
-    def rig(self) -> Rig:
-        """The rig as calibrated."""
-        return self.views[0].rig
-
-    @property
-    def axes(self) -> np.ndarray:
-        """(17 + P, R) axes of the rig's errors (`RigArrays`), including the drift since the calibration."""
-        return self.views[0].axes
-
-    @property
-    def touching(self) -> Batch:
-        """The first camera's and the sensor's measurements in contact."""
-        return self.views[0].touching
-
     def picked(self, rows: np.ndarray, most_free: int) -> RecordingProblem:
-        """The problem with only these contacts, and at most `most_free` free frames of each camera."""
-        views = []
-        for view in self.views:
-            quiet = spread_evenly(len(view.free), most_free)
-            views.append(
-                replace(
-                    view, touching=view.touching.picked(rows), free=view.free.picked(quiet), free_s=view.free_s[quiet]
-                )
-            )
-        prior, at_tip = self.friction.picked(rows), self.fixed_at_tip[rows]
-        return replace(self, views=tuple(views), fixed_at_tip=at_tip, friction=prior, time_s=self.time_s[rows])
-
-    def lines_of(self, view: Pictures) -> int:
-        """Number of error terms of a line in one camera's pictures."""
-        return self._with_lines(RigArrays.from_rig(view.rig, self.friction_rad)).line.size
+        """The problem with only these contacts, and at most `most_free` free frames."""
+        quiet = spread_evenly(len(self.free), most_free)
+        return replace(
+            self,
+            touching=self.touching.picked(rows),
+            free=self.free.picked(quiet),
+            free_s=self.free_s[quiet],
+            fixed_at_tip=self.fixed_at_tip[rows],
+            friction=self.friction.picked(rows),
+            time_s=self.time_s[rows],
+        )
 
     @staticmethod
     def _with_lines(arrays: RigArrays) -> RigArrays:
@@ -150,10 +135,10 @@ class RecordingProblem:
         part = drift.line_px / max(math.hypot(drift.line_px, drift.light_px), 1e-300)
         return replace(arrays, line=np.hstack([line, part * line[:, : RefineSettings.finer_errors]]))
 
-    @property
+    @cached_property
     def lines(self) -> int:
         """Number L of error terms of the detected lines of one frame, all cameras together."""
-        return sum(map(self.lines_of, self.views))
+        return self._with_lines(RigArrays.from_rig(self.rig, self.friction_rad)).line.size
 
     @property
     def size(self) -> int:
@@ -161,20 +146,20 @@ class RecordingProblem:
         return self.axes.shape[1] + self.lines + (0 if self.known is None else 3)
 
     def rig_at(self, shared: np.ndarray) -> Rig:
-        """The rig after the shared steps (S,)."""
-        return self.views[0].moved(shared)
+        """The rig after the shared steps (S,), of which the first R are its own."""
+        return self.rig.moved(self.axes @ shared[: self.axes.shape[1]])
 
-    def arrays_at(self, shared: np.ndarray, view: int = 0) -> RigArrays:
-        """The rig after the shared steps in the solver's form, for one camera; its axes are unchanged."""
-        of = self.views[view]
-        return replace(self._with_lines(RigArrays.from_rig(of.moved(shared), self.friction_rad)), axes=of.axes)
+    def arrays_at(self, shared: np.ndarray) -> RigArrays:
+        """The rig after the shared steps in the solver's form; its axes are unchanged."""
+        arrays = RigArrays.from_rig(self.rig_at(shared), self.friction_rad)
+        return replace(self._with_lines(arrays), axes=self.axes)
 
     def equations(self, state: State, trust: np.ndarray | None = None) -> Equations:
         """Normal equations of the contacts, linearised at a state. trust : as in `Equations`; by default, and where
         NaN, from the state itself, discontinuous where a frame's scatter, or its end, passes a threshold."""
-        views = [(self.arrays_at(state.shared, index), self._split(index)) for index in range(len(self.views))]
+        rig = self.arrays_at(state.shared), self._split()
         begins = range(0, max(len(self.touching), 1), RefineSettings.chunk)
-        parts = [self._of_chunk(views, state, slice(begin, begin + RefineSettings.chunk), trust) for begin in begins]
+        parts = [self._of_chunk(*rig, state, slice(begin, begin + RefineSettings.chunk), trust) for begin in begins]
         return Equations(
             *(np.concatenate(column) for column in zip(*(vars(part).values() for part in parts), strict=True))
         )
@@ -183,35 +168,35 @@ class RecordingProblem:
         """Information (F, S, S) and right side (F, S) of the frames of the free antenna on the shared steps."""
         own, size = self.lines, self.size
         information, side = [np.zeros((0, size, size))], [np.zeros((0, size))]
-        for index, view in enumerate(self.views):
-            arrays, split = self.arrays_at(state.shared, index), self._split(index)[UNKNOWNS:]
-            for begin in range(0, len(view.free), RefineSettings.chunk):
-                found = free_antennas(view.free.picked(slice(begin, begin + RefineSettings.chunk)).frames(arrays))
-                steps = found.information.shape[1]
-                whole = split.T @ (found.information - np.eye(steps)) @ split
-                right = found.side @ split
-                whole[:, UNKNOWNS : UNKNOWNS + own, UNKNOWNS : UNKNOWNS + own] += np.eye(own)
-                mine, others = slice(UNKNOWNS, UNKNOWNS + own), slice(UNKNOWNS + own, None)
-                through = np.linalg.solve(whole[:, mine, mine], whole[:, mine, others])
-                information.append(whole[:, others, others] - whole[:, others, mine] @ through)
-                side.append(right[:, others] - np.einsum("bks,bk->bs", through, right[:, mine]))
+        arrays, split = self.arrays_at(state.shared), self._split()[UNKNOWNS:]
+        mine, others = slice(UNKNOWNS, UNKNOWNS + own), slice(UNKNOWNS + own, None)
+        for begin in range(0, len(self.free), RefineSettings.chunk):
+            found = free_antennas(self.free.picked(slice(begin, begin + RefineSettings.chunk)).frames(arrays))
+            steps = found.information.shape[1]
+            whole = split.T @ (found.information - np.eye(steps)) @ split
+            right = found.side @ split
+            whole[:, mine, mine] += np.eye(own)
+            through = np.linalg.solve(whole[:, mine, mine], whole[:, mine, others])
+            information.append(whole[:, others, others] - whole[:, others, mine] @ through)
+            side.append(right[:, others] - np.einsum("bks,bk->bs", through, right[:, mine]))
         return np.concatenate(information), np.concatenate(side)
 
-    def _split(self, index: int) -> np.ndarray:
-        """(4 + R + K, 4 + L + S) matrix from own and shared unknowns to a frame's unknowns and rig steps in one
-        camera, with K errors of its lines. Of a line's errors one part is the frame's own and another is common to all
-        frames, as by a lamp that moved; those of the finer polynomials are common."""
-        view, rig, lines = self.views[index], self.axes.shape[1], self.lines
-        before, count = sum(map(self.lines_of, self.views[:index])), self.lines_of(view)
-        split = np.zeros((UNKNOWNS + rig + count, UNKNOWNS + lines + self.size))
+    def _split(self) -> np.ndarray:
+        """(4 + R + L, 4 + L + S) matrix from own and shared unknowns to a frame's unknowns, rig steps and errors of
+        its lines. Of a line's errors one part is the frame's own and another is common to all frames, as by a lamp
+        that moved; those of the finer polynomials are common."""
+        rig, count = self.axes.shape[1], self.lines
+        own, shared = UNKNOWNS + rig, UNKNOWNS + count
+        split = np.zeros((own + count, shared + self.size))
         split[:UNKNOWNS, :UNKNOWNS] = np.eye(UNKNOWNS)
-        split[UNKNOWNS : UNKNOWNS + rig, UNKNOWNS + lines : UNKNOWNS + lines + rig] = np.eye(rig)
+        split[UNKNOWNS:own, shared : shared + rig] = np.eye(rig)
         if count:
-            drift, own, common = view.rig.drift, UNKNOWNS + before, UNKNOWNS + lines + rig + before
+            drift = self.rig.drift
             whole = np.hypot(drift.line_px, drift.light_px)
             finer = np.arange(count) % (LINE_ERRORS + RefineSettings.finer_errors) >= LINE_ERRORS
-            split[UNKNOWNS + rig :, own : own + count] = np.diag(np.where(finer, 0.0, drift.line_px / whole))
-            split[UNKNOWNS + rig :, common : common + count] = np.diag(np.where(finer, 1.0, drift.light_px / whole))
+            split[own:, UNKNOWNS:shared] = np.diag(np.where(finer, 0.0, drift.line_px / whole))
+            common = slice(shared + rig, shared + rig + count)
+            split[own:, common] = np.diag(np.where(finer, 1.0, drift.light_px / whole))
         return split
 
     @staticmethod
@@ -229,21 +214,17 @@ class RecordingProblem:
         return whole, side
 
     def _of_chunk(
-        self, views: list[tuple[RigArrays, np.ndarray]], state: State, rows: slice, trust: np.ndarray | None
+        self, arrays: RigArrays, split: np.ndarray, state: State, rows: slice, trust: np.ndarray | None
     ) -> Equations:
         unknowns, batch, prior = state.unknowns[rows], self.touching.picked(rows), self.friction.picked(rows)
         own, shared = slice(0, UNKNOWNS + self.lines), slice(UNKNOWNS + self.lines, None)
-        seen, trusted = [], np.empty((len(unknowns), len(views), 2))
-        for index, (pictures, (arrays, split)) in enumerate(zip(self.views, views, strict=True)):
-            taken = pictures.touching.picked(rows)
-            one = linearised(taken.frames(arrays), REFERENCE, unknowns)
-            trusted[:, index] = _trust(taken, one)
-            by_state, kept = trusted[:, index], None if trust is None else trust[rows, index]
-            scale, ends = (by_state if kept is None else np.where(np.isnan(kept), by_state, kept)).T
-            whole, side = self._data(one, unknowns, ends)
-            seen.append((one, scale[:, None, None] * (split.T @ whole @ split), scale[:, None] * (side @ split)))
-        found, whole, side = seen[0][0], sum(each[1] for each in seen), sum(each[2] for each in seen)
-        touch_columns = found.columns @ views[0][1]
+        found = linearised(batch.frames(arrays), REFERENCE, unknowns)
+        trusted = _trust(batch, found)
+        kept = trusted if trust is None else np.where(np.isnan(trust[rows]), trusted, trust[rows])
+        scale, ends = kept.T
+        whole, side = self._data(found, unknowns, ends)
+        whole, side = scale[:, None, None] * (split.T @ whole @ split), scale[:, None] * (side @ split)
+        touch_columns = found.columns @ split
         if self.known is not None:
             place = self.rig.kinematics.world_antenna(batch.pan_rad, batch.tilt_rad)
             radius_m = 0.5 * self.rig.antenna.diameter_m
@@ -290,8 +271,8 @@ class RecordingProblem:
 
 
 def _trust(taken: Batch, found: LinearisedFrames) -> np.ndarray:
-    """(B, 2) weights `Equations.trust` for one camera: of its points, below 1 where they scatter more than noise
-    does; and of the antenna's end, 1 where that can be the antenna's, else 0."""
+    """(B, 2) weights `Equations.trust`: of the points, below 1 where they scatter more than noise does; and of the
+    antenna's end, 1 where that can be the antenna's, else 0."""
     points = np.maximum(np.isfinite(taken.points_px).all(axis=-1).sum(axis=1), 1)
     scatter = np.where(points > 1, found.excess, 1.0)  # a camera that saw nothing has none
     more = scatter > 1.0 + core.solver.EXCESS_SCATTER / np.sqrt(points)

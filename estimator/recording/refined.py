@@ -9,24 +9,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimator.contact.common_errors import empty_frames, unknowns_of
-from estimator.contact.drift import parameter_changes
+from estimator.contact.drift import DriftSettings, parameter_changes
+from estimator.contact.estimate import ContactEstimator
+from estimator.contact.inputs import Batch
 from estimator.contact.settings import ContactSettings
 from estimator.object.estimate import estimate_object
 from estimator.object.friction import Friction, steady_slides
 from estimator.recording.problem import FrictionPrior, RecordingProblem, State
 from estimator.recording.settings import RefineSettings
 from estimator.recording.solve import Solution, solved
-from estimator.recording.views import Pictures, completed, pictures_of
-from estimator.solver.linearised import bend, linearised
+from estimator.solver.linearised import bend, free_antennas, linearised
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
-from estimator.table.contacts import COLUMNS, FRICTION_RAD, ContactTable, Measured, joint_angles
+from estimator.table.contacts import COLUMNS, FRICTION_RAD, LOCATED, ContactRow, ContactTable, Measured, joint_angles
 from vbaa_calib.antenna.rungs import REFERENCE
 from vbaa_calib.antenna.shape import CONTACT
 from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.robust import finite_or_none
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
-from vbaa_calib.session import KnownObject
+from vbaa_calib.session import Frame, KnownObject
 
 if TYPE_CHECKING:
     from estimator.object.estimate import ObjectEstimate
@@ -105,13 +106,13 @@ def refine(
     InputError : contacts and recording are not of one another, or not of this rig; no frame is located.
     """
     _check_frames(contacts, recording)
-    came, contacts = contacts, completed(contacts, recording, rig)
+    came, contacts = contacts, _completed(contacts, recording, rig)
     _check(contacts, rig)
     rows = _usable(contacts, recording)
     problem, start = _begun(contacts, rig, recording, rows, known)
     strokes = _strokes(contacts, rows)
     found = solved(problem, start, strokes)
-    reason = _refusal(found, known is not None) or _walk_of_zero(problem.views[0], FRICTION_RAD, REFERENCE)
+    reason = _refusal(found, known is not None) or _walk_of_zero(contacts, rig, recording)
     touched: ObjectEstimate | None = None
     notes: list[str] = []
     if not reason and known is not None and found.offness > RefineSettings.allowed_excess:
@@ -144,6 +145,25 @@ def refine(
     table, better = _table(contacts, problem, found, rows), _rig_of(problem, found)
     off = found.offness, found.prior_p, found.trend_p
     return Refined(table, contacts, refined, foreign, better, rig, touched, "", tuple(notes), *off)
+
+
+def _completed(contacts: ContactTable, recording: Sequence[Measured], rig: Rig) -> ContactTable:
+    """The contacts of a rig with several cameras, with unlocated ones estimated again from all of them: edge-on to
+    one camera, the antenna is seen from the side by another."""
+    if not rig.others:
+        return contacts
+    rows = list(contacts.rows())
+    open_rows = [index for index, row in enumerate(rows) if row.status not in (*LOCATED, "not_quasistatic")]
+    estimator = ContactEstimator(rig, friction=contacts.assumed_friction_rad)
+    seen = (replace(recording[index], time_s=np.nan) for index in open_rows)
+    for index, contact in zip(open_rows, estimator.run(seen), strict=True):
+        row = rows[index]
+        # a touch that any of them sees is one, wherever it may be
+        if contact.status in LOCATED or (row.status, contact.in_contact) == ("no_contact", True):
+            reading = recording[index].moment_Nm
+            frame = Frame(None, row.pan_rad, row.tilt_rad, reading, frame=row.frame, time_s=row.time_s)
+            rows[index] = ContactRow.of(frame, contact)
+    return ContactTable.from_rows(rows)
 
 
 def _with_coulomb(
@@ -221,12 +241,18 @@ def _begun(
     known: KnownObject | None,
 ) -> tuple[RecordingProblem, State]:
     """The problem and its initial state: the contacts as estimated, the rig as calibrated."""
-    arrays = RigArrays.from_rig(rig, FRICTION_RAD)
-    pictures = (pictures_of(contacts, rows, recording, arrays, rig),)
-    at = contacts.picked(rows)
+    arrays, at = RigArrays.from_rig(rig, FRICTION_RAD), contacts.picked(rows)
+    touching = Batch.of(rig, [recording[row] for row in rows.tolist()])
+    quiet = np.flatnonzero(contacts.status == "no_contact")
+    free = Batch.of(rig, [recording[row] for row in quiet.tolist()]) if len(quiet) else touching.picked(slice(0))
+    static = _static(free, arrays)
     problem = RecordingProblem(
+        rig=rig,
+        axes=arrays.axes,
+        touching=touching,
+        free=free.picked(static),
+        free_s=contacts.time_s[quiet[static]],
         friction_rad=FRICTION_RAD,
-        views=pictures,
         fixed_at_tip=at.status == "tip_contact",
         friction=_as_estimated(at, FRICTION_RAD),
         time_s=at.time_s,
@@ -420,20 +446,34 @@ def _contradicted(prior: FrictionPrior, angle_rad: np.ndarray, std_rad: np.ndarr
     return wrong, bool(wrong.sum() > max(3, RefineSettings.law_share * tells.sum()))
 
 
-def _walk_of_zero(pictures: Pictures, friction_rad: float, rung: str) -> str:
-    """How far the moment sensor's zero drifts over the frames with the free antenna (`pictures.straight`), in words;
-    "" where the drift is within the noise of the readings and the rig's uncertainty.
+def _static(batch: Batch, arrays: RigArrays) -> np.ndarray:
+    """(B,) mask of the frames in which the antenna is certainly free, with all of its errors allowed for."""
+    if not len(batch):
+        return np.zeros(0, bool)
+    frames = batch.frames(arrays)
+    static = np.asarray(frames.usable.sum(-1) >= DriftSettings.fewest_points)
+    static[static] = free_antennas(frames.picked(static)).gain < DriftSettings.free_gain
+    return static
+
+
+def _walk_of_zero(contacts: ContactTable, rig: Rig, recording: Sequence[Measured]) -> str:
+    """How far the moment sensor's zero drifts, in words, by the frames without a located contact in which the pictures
+    alone show the free antenna; "" where the drift is within the noise of the readings and the rig's uncertainty.
 
     What such frames read in addition to the free antenna's weight is the zero, unless something pushes along the line
     of sight: that comes and goes with the strokes, and the zero does not.
     """
-    arrays = RigArrays.from_rig(pictures.rig, friction_rad)
-    read = np.isfinite(pictures.straight.readings_Nm[:, 0]) & np.isfinite(pictures.straight_s)
-    time_s = pictures.straight_s[read]
+    rows = np.flatnonzero(~contacts.located & np.isfinite(contacts.time_s))
+    if len(rows) < RefineSettings.zero_frames:
+        return ""
+    arrays, apart = RigArrays.from_rig(rig, FRICTION_RAD), Batch.of(rig, [recording[row] for row in rows.tolist()])
+    read = _static(replace(apart, readings_Nm=np.full_like(apart.readings_Nm, np.nan)), arrays)
+    read &= np.isfinite(apart.readings_Nm[:, 0])
+    time_s = contacts.time_s[rows][read]
     if len(time_s) < RefineSettings.zero_frames or not np.ptp(time_s) > 0.0:
         return ""
-    frames = pictures.straight.picked(read).frames(arrays)
-    found = linearised(frames, rung, np.tile(np.array([0.5, 0.0, 0.0, 0.0]), (len(time_s), 1)))
+    frames = apart.picked(read).frames(arrays)
+    found = linearised(frames, REFERENCE, np.tile(np.array([0.5, 0.0, 0.0, 0.0]), (len(time_s), 1)))
     off, by_rig = found.residual[:, 0], found.readings[:, 0, UNKNOWNS:]
     when = (time_s - time_s.mean()) / np.ptp(time_s)
     # every two frames' slope, the median: frames that are pushed along the line of sight are few, or scatter

@@ -106,7 +106,7 @@ def _trend(
     ahead, rig = _ahead(problem, state), problem.axes.shape[1]
     information = np.concatenate([weight[:, None, None] * equations.information, free_information])
     pull = np.concatenate([weight[:, None] * equations.side, free_side]) - information @ ahead
-    time_s = np.concatenate([problem.time_s, *(view.free_s for view in problem.views)])
+    time_s = np.concatenate([problem.time_s, problem.free_s])
     first, last = np.min(time_s, initial=np.inf), np.max(time_s, initial=-np.inf)
     if not last > first:  # nor where times are not known
         return np.zeros(rig), 1.0
@@ -174,7 +174,7 @@ def _pull(problem: RecordingProblem, state: State, equations: Equations) -> np.n
 def _others(problem: RecordingProblem, state: State, found: np.ndarray, chosen: np.ndarray) -> tuple[State, Equations]:
     """All frames fitted with fixed shared steps; the chosen ones start where they were found. A frame that has
     lengthened its step twice takes half a step, then a quarter, and so on."""
-    unknowns, trust = state.unknowns.copy(), np.full((len(state.unknowns), len(problem.views), 2), np.nan)
+    unknowns, trust = state.unknowns.copy(), np.full((len(state.unknowns), 2), np.nan)
     unknowns[chosen] = found
     rises, before = np.zeros(len(unknowns)), np.full(len(unknowns), np.inf)
     for turn in range(_RULES.iterations):
@@ -187,7 +187,7 @@ def _others(problem: RecordingProblem, state: State, found: np.ndarray, chosen: 
         rises, before = rises + (length > before + RefineSettings.enough), length
         part = 0.5 ** np.maximum(rises - 1.0, 0.0)
         kept = np.where(np.isnan(trust), equations.trust, trust)
-        trust = np.where((part < 1.0)[:, None, None], kept, np.nan)
+        trust = np.where((part < 1.0)[:, None], kept, np.nan)
         unknowns = _moved(problem, unknowns, part[:, None] * own)
     return state, equations
 
@@ -221,7 +221,7 @@ class _LinearisedRecording:
     total: np.ndarray  # (S, S) information of the shared steps
     own: np.ndarray  # (B, 4) step of the frames' unknowns
     shared: np.ndarray  # (S,) step of what they share
-    trust: np.ndarray  # (B, V, 2) as in `Equations`, by which these were made
+    trust: np.ndarray  # (B, 2) as in `Equations`, by which these were made
     counted: np.ndarray  # (B,) bool, the frames in `length`
     cost: float = 0.0  # of the objective, less where the descent began
 
