@@ -13,6 +13,7 @@ from vbaa_calib.core.errors import Severity, VbaaError
 from vbaa_calib.rig import Rig
 
 from .evidence import Case, Recorded, weighed
+from .settings import RecordingSettings
 
 
 class Change(NamedTuple):
@@ -287,7 +288,7 @@ def fitted(case: Case, row: Change, axes: np.ndarray, first: int = 0) -> _Change
         found = _descended(few, row, axes, steps, free, begin)
         if found is not None and (best is None or found.log_odds > best.log_odds):
             best = found
-            if few.cost - best.log_odds < case.settings.sound_cost * len(few.recorded):
+            if few.cost - best.log_odds < RecordingSettings.sound_cost * len(few.recorded):
                 break
     return best if best is None or few is case else _descended(case, row, axes, best.steps, None, first)
 
@@ -303,7 +304,7 @@ def _descended(
     case: Case, row: Change, axes: np.ndarray, steps: np.ndarray, free: np.ndarray | None, first: int
 ) -> _Changed | None:
     """Minimises by damped Gauss–Newton steps; the first one with the free antenna in the frames `free` (F,)."""
-    recorded, settings, cost, best = case.recorded, case.settings, np.inf, None
+    recorded, settings, cost, best = case.recorded, RecordingSettings, np.inf, None
     for turn in range(settings.iterations):
         try:
             now = recorded.with_rig(_moved(recorded.rig, row, axes @ steps), first) if steps.any() else recorded

@@ -37,7 +37,7 @@ def with_unused(found: RecordingVerdict, counts: Mapping[str, int], frames: int)
 
 def _unused_witnesses(counts: Mapping[str, int], frames: int) -> list[Diagnosis]:
     """Findings on measurements that contradict the rest of their frame, and are not used, in too many frames."""
-    settings, found = RecordingSettings(), list[Diagnosis]()
+    settings, found = RecordingSettings, list[Diagnosis]()
     for unused, whole, what, remedy in (
         (
             counts["ends_unused"],

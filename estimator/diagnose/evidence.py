@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -101,7 +101,7 @@ class _Fitted:
     """Fits of recorded frames, each as the free antenna or one contact, whichever is likelier."""
 
     def __init__(self, recorded: Recorded) -> None:
-        self.recorded, self.settings = recorded, RecordingSettings()
+        self.recorded = recorded
         self.numbers = FitNumbers.empty(len(recorded))
         self.points = np.zeros(len(recorded))
         self.parts = []
@@ -114,7 +114,7 @@ class _Fitted:
         touched = numbers.cost + self.points * np.log(np.maximum(numbers.scatter, 1.0))
         alone = touched + np.maximum(numbers.evidence, 0.0)
         lost = ~numbers.finite | np.isfinite(numbers.left_px) | ~np.isfinite(touched)
-        self.touched = np.where(lost, np.inf, touched + self.settings.contact)
+        self.touched = np.where(lost, np.inf, touched + RecordingSettings.contact)
         self.alone = np.where(np.isfinite(alone) & ~lost, alone, np.inf)
 
     @property
@@ -256,7 +256,7 @@ def weighed(
     more : (18 + P, Q) further axes about which information is wanted. as_free : as `_Fitted.shared`. log_density : of a
     frame's readings in the reported unit over that in their own; a frame that nothing explains has none.
     """
-    settings, size = fits.settings, fits.steps
+    settings, size = RecordingSettings, fits.steps
     none = np.zeros((len(fits.parts[0][1].rig_arrays.axes), 0))
     information, score = fits.shared(none if more is None else more, as_free)
     own, pull = information[:, :size, :size], score[:, :size]
@@ -304,7 +304,6 @@ class Case:
     scale: np.ndarray
     free: np.ndarray
     axes: np.ndarray
-    settings: RecordingSettings = field(default_factory=RecordingSettings)
 
     @staticmethod
     def of(recorded: Recorded, axes: np.ndarray) -> Case:
@@ -355,31 +354,31 @@ class Case:
         inverse = np.linalg.inv(information + unit)
         steps = np.einsum("jst,jt->js", inverse, score)
         left = score - np.einsum("jst,it->ijs", information, steps)
-        apart = np.minimum(0.5 * np.einsum("ijs,jst,ijt->ij", left, inverse, left), self.settings.most)
-        best = np.argsort(apart.sum(axis=1) + 0.5 * (steps**2).sum(axis=1))[: self.settings.seeds]
+        apart = np.minimum(0.5 * np.einsum("ijs,jst,ijt->ij", left, inverse, left), RecordingSettings.most)
+        best = np.argsort(apart.sum(axis=1) + 0.5 * (steps**2).sum(axis=1))[: RecordingSettings.seeds]
         return [steps[one, size:] for one in best.tolist()]
 
     @property
     def sound(self) -> bool:
         """Whether the frames' common cost is as small as if everything were as reported."""
-        return self.cost < self.settings.sound_cost * len(self.recorded)
+        return self.cost < RecordingSettings.sound_cost * len(self.recorded)
 
     @property
     def usual(self) -> bool:
         """Whether the frames' cost is that of most recordings in which everything is as reported."""
-        return self.cost < self.settings.usual * len(self.recorded)
+        return self.cost < RecordingSettings.usual * len(self.recorded)
 
     @cached_property
     def changed(self) -> bool:
         """Whether the rig seems to have changed along any of its axes, to first order."""
         each = range(self.axes.shape[1])
-        return any(gained > self.settings.suspicious for axis in each for gained in self.gained(np.array([axis])))
+        return any(gained > RecordingSettings.suspicious for axis in each for gained in self.gained(np.array([axis])))
 
     @property
     def splits(self) -> list[int]:
         """Frames from which on the rig may have changed: the first one, and those at which frames cease to be
         explained."""
-        count, settings = len(self.recorded), self.settings
+        count, settings = len(self.recorded), RecordingSettings
         if not self.many_lost:
             return [0, *np.unique(np.linspace(0, count, settings.splits + 2)[1:-1].astype(int)).tolist()]
         excess = np.cumsum((self.reported.costs - 2.0 * settings.sound_cost)[::-1])[::-1]
@@ -389,12 +388,12 @@ class Case:
     @property
     def many_lost(self) -> bool:
         """Whether more frames are unexplained than chance and second contacts account for."""
-        return float(np.mean(self.lost)) > self.settings.lost
+        return float(np.mean(self.lost)) > RecordingSettings.lost
 
     @property
     def lost(self) -> np.ndarray:
         """(F,) mask of the frames that nothing explains."""
-        return np.asarray(self.reported.costs > 0.9 * self.settings.most)
+        return np.asarray(self.reported.costs > 0.9 * RecordingSettings.most)
 
     def gained(self, columns: np.ndarray, first: int = 0) -> Iterator[float]:
         """First-order log evidence of a change along these axes (indices) from frame `first` on. Where the frames fit

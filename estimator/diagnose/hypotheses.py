@@ -112,42 +112,35 @@ def _frozen(recorded: Recorded) -> Recorded | None:
     return recorded.with_readings(tilt_rad=best)
 
 
-def _neighbour(row: int, which: tuple[str, ...], recorded: Recorded) -> Recorded | None:
-    """Hypothesis of readings of the previous row (0) or the next one (1)."""
-    batch, around = recorded.batch, recorded.around[:, row, 0]
-    columns = {}
-    if "moments" in which:
-        if not np.isfinite(batch.readings_Nm[:, 0]).any():
-            return None
-        columns["readings_Nm"] = around[:, :-2]
-    if "joints" in which:
-        if np.ptp(np.stack([batch.pan_rad, batch.tilt_rad]), axis=1).max() < RecordingSettings.varies_rad:
-            return None
-        columns |= {"pan_rad": around[:, -2], "tilt_rad": around[:, -1]}
-    known = np.isfinite(around[:, -2])
-    columns = {
-        name: np.where(known.reshape(-1, *[1] * (values.ndim - 1)), values, getattr(batch, name))
-        for name, values in columns.items()
-    }
-    return recorded.with_readings(**columns)
-
-
-def _lagged(which: slice, rows: float, recorded: Recorded) -> Recorded | None:
+def _lagged(which: slice, rows: float, recorded: Recorded, all_reported: bool = False) -> Recorded | None:
     """Hypothesis of readings that belong to the picture so many rows earlier, interpolated linearly between rows.
 
-    which : of all readings, pan and tilt.
+    which : of all readings, pan and tilt. At either end of the recording joints are as reported, and so are the other
+    readings if `all_reported`; else these are unknown there.
     """
     batch = recorded.batch
     now = np.column_stack([batch.readings_Nm, batch.pan_rad, batch.tilt_rad])
-    series = np.concatenate([now[:, None], recorded.around[:, _AFTER if rows > 0.0 else _BEFORE]], axis=1)
+    series = np.concatenate([now[:, None], recorded.around[:, int(rows > 0.0)]], axis=1)
     if abs(rows) > series.shape[1] - 1:
         return None
     whole = min(int(abs(rows)), series.shape[1] - 2)
-    there = series[:, whole] + (abs(rows) - whole) * (series[:, whole + 1] - series[:, whole])
-    # at either end of the recording they are unknown, and joints are as reported
-    there[:, -2:] = np.where(np.isfinite(there), there, now)[:, -2:]
-    now[:, which] = there[:, which]
+    there, part = series[:, whole], abs(rows) - whole
+    there = there + part * (series[:, whole + 1] - there) if part else there
+    beyond = ~np.isfinite(there[:, -2:])
+    kept = np.hstack([np.tile(beyond[:, :1] & all_reported, (1, now.shape[1] - 2)), beyond])
+    now[:, which] = np.where(kept, now, there)[:, which]
     return recorded.with_readings(readings_Nm=now[:, :-2], pan_rad=now[:, -2], tilt_rad=now[:, -1])
+
+
+def _a_row_off(which: slice, rows: float, recorded: Recorded) -> Recorded | None:
+    """Hypothesis of readings that belong to the picture of the row before (1.0) or after (−1.0); None where one of
+    these kinds is not read, or does not vary. which : as of `_lagged`."""
+    batch, moments = recorded.batch, np.isfinite(recorded.batch.readings_Nm[:, 0]).any()
+    turned_rad = np.ptp(np.stack([batch.pan_rad, batch.tilt_rad]), axis=1).max()
+    of_joints = which.stop is None
+    if (which.start is None and not moments) or (of_joints and turned_rad < RecordingSettings.varies_rad):
+        return None
+    return _lagged(which, rows, recorded, all_reported=True)
 
 
 def _tilted(angle_rad: float, recorded: Recorded) -> Recorded | None:
@@ -182,7 +175,6 @@ def _rectified(recorded: Recorded) -> Recorded | None:
     return changed
 
 
-_BEFORE, _AFTER = 0, 1
 _UNITS = {
     1e-3: "in mN·m or N·mm",
     1e-2: "in N·cm",
@@ -243,13 +235,13 @@ READINGS = (
         "moment_late",
         "each moment belongs to the picture of the row before",
         _ROWS,
-        partial(_neighbour, _AFTER, ("moments",)),
+        partial(_a_row_off, slice(-2), 1.0),
     ),
     _ReadingMistake(
         "moment_late",
         "each moment belongs to the picture of the row after",
         _ROWS,
-        partial(_neighbour, _BEFORE, ("moments",)),
+        partial(_a_row_off, slice(-2), -1.0),
     ),
     _ReadingMistake(
         "tilt_sign",
@@ -286,13 +278,13 @@ READINGS = (
         "joints_late",
         "the joint angles belong to the picture of the row before",
         _ROWS,
-        partial(_neighbour, _AFTER, ("joints",)),
+        partial(_a_row_off, slice(-2, None), 1.0),
     ),
     _ReadingMistake(
         "joints_late",
         "the joint angles belong to the picture of the row after",
         _ROWS,
-        partial(_neighbour, _BEFORE, ("joints",)),
+        partial(_a_row_off, slice(-2, None), -1.0),
     ),
     *(
         _ReadingMistake(
@@ -307,13 +299,13 @@ READINGS = (
         "pictures_late",
         "each picture belongs to the readings of the row before",
         _ROWS,
-        partial(_neighbour, _BEFORE, ("moments", "joints")),
+        partial(_a_row_off, slice(None), -1.0),
     ),
     _ReadingMistake(
         "pictures_late",
         "each picture belongs to the readings of the row after",
         _ROWS,
-        partial(_neighbour, _AFTER, ("moments", "joints")),
+        partial(_a_row_off, slice(None), 1.0),
     ),
     _ReadingMistake(
         "picture_mirrored",
@@ -389,7 +381,7 @@ def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
         """Cost of moments by the pictures' predictions alone."""
         variance = std**2 + own**2
         off = np.where(np.isfinite(variance), (moments - expected) ** 2 / variance, 0.0)
-        return float(np.minimum(0.5 * off[there], case.settings.most).sum())
+        return float(np.minimum(0.5 * off[there], RecordingSettings.most).sum())
 
     reported, likely = cost(read), list[tuple[float, _ReadingMistake, Recorded]]()
     some = np.arange(0, len(read), RecordingSettings.thinned)
@@ -449,7 +441,7 @@ def _others_explained(case: Case) -> Iterator[Explanation[Case]]:
 
 def _shifts_explained(case: Case) -> Iterator[Explanation[Case]]:
     """Explanations by a constant offset of a clock or an encoder, where the frames cost more than usual."""
-    settings, period_s = RecordingSettings(), case.recorded.period_s
+    settings, period_s = RecordingSettings, case.recorded.period_s
     if case.usual:
         return
     rows = settings.lag_step, np.arange(1.0, settings.lag_most + 1.0)
@@ -484,8 +476,7 @@ def _shifts_explained(case: Case) -> Iterator[Explanation[Case]]:
 
 def _interpolable(recorded: Recorded) -> np.ndarray:
     """Indices of the frames between which moments can be interpolated; of all where these are hardly any."""
-    moments = np.column_stack([recorded.around[:, _BEFORE, 0, 0], recorded.around[:, _AFTER, 0, 0]])
-    bend = np.abs(moments.sum(axis=1) - 2.0 * recorded.batch.readings_Nm[:, 0])
+    bend = np.abs(recorded.around[:, :, 0, 0].sum(axis=1) - 2.0 * recorded.batch.readings_Nm[:, 0])
     rows = np.flatnonzero(~(bend > RecordingSettings.bends_std * recorded.rig.moment_sensor.std_Nm))
     return rows if len(rows) >= RecordingSettings.fewest else np.arange(len(recorded))
 
@@ -544,7 +535,7 @@ def unseen_joints(case: Case) -> list[str]:
     names = ("tilt_sign", "joints_exchanged", "joints_late", "joint_offset")
     joints = [row for row in READINGS if row.name in names and row.correct(few.recorded) is not None]
     # a row that looks the same was not tried
-    unseen = [row for row in joints if gained.get(row, 0.0) > -case.settings.suspicious]
+    unseen = [row for row in joints if gained.get(row, 0.0) > -RecordingSettings.suspicious]
     # a degree is hardly ever seen: alone it is no news, unless more is not seen, either
     news = any(row.name != "joint_offset" for row in unseen) or (bool(unseen) and _far_unseen(few))
     return list(dict.fromkeys(row.words for row in unseen)) if news else []
@@ -552,8 +543,8 @@ def unseen_joints(case: Case) -> list[str]:
 
 def _far_unseen(few: Case) -> bool:
     """Whether some frames do not rule out an error of the tilt that takes places in the world far off."""
-    far = [_tilted(sign * few.settings.joint_far_rad, few.recorded) for sign in (-1.0, 1.0)]
-    return any(few.cost - few.cost_of(each) > -few.settings.suspicious for each in far if each is not None)
+    far = [_tilted(sign * RecordingSettings.joint_far_rad, few.recorded) for sign in (-1.0, 1.0)]
+    return any(few.cost - few.cost_of(each) > -RecordingSettings.suspicious for each in far if each is not None)
 
 
 def _least_bent(case: Case) -> np.ndarray:
@@ -611,7 +602,7 @@ def _sag_differs(corrected: Recorded, recorded: Recorded) -> bool:
 
 def _changes(case: Case) -> Iterator[Explanation[Case]]:
     """Explanations by a rig that has changed since its calibration, or from some frame of the recording on."""
-    settings = RecordingSettings()
+    settings = RecordingSettings
     axes, which = axes_of(case.recorded.rig, CHANGES)
     batch = case.recorded.batch
     turned_rad = np.ptp(np.stack([batch.pan_rad, batch.tilt_rad]), axis=1).max()

@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from operator import itemgetter
 
 from estimator.table.contacts import LOCATED, Contact, Measured
 from vbaa_calib.core.errors import Diagnosis
@@ -18,7 +19,7 @@ from .watch import RecordingVerdict, RecordingWatch
 
 
 @dataclass(frozen=True)
-class _WatchSettings:
+class WatchSettings:
     """Which frames are judged together, how often, and from which odds there is an alarm."""
 
     without_contact: int = 40  # last frames without a contact
@@ -49,16 +50,15 @@ class RigWatch:
     rig: Rig
     alarm: Callable[[int, Diagnosis], None] | None = None
     waits: bool = False
-    settings: _WatchSettings = _WatchSettings()
     alarms: list[tuple[int, Diagnosis]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.count = 0
         self._kept = [
             deque[tuple[int, Measured, Contact]](maxlen=most)
-            for most in (self.settings.without_contact, self.settings.with_contact)
+            for most in (WatchSettings.without_contact, WatchSettings.with_contact)
         ]
-        self._next, self._rests_until_s, self._named = self.settings.every, 0.0, ""
+        self._next, self._rests_until_s, self._named = WatchSettings.every, 0.0, ""
         self._part, self._times = "", 0  # that the last judgements name, and how many of them
         self._thread: ThreadPoolExecutor | None = None
         self._coming: Future[tuple[RecordingVerdict, str, float]] | None = None
@@ -68,14 +68,15 @@ class RigWatch:
         self._kept[contact.status in LOCATED].append((self.count, measured, contact))
         self.count += 1
         if self._coming is None and self.count >= self._next and time.monotonic() >= self._rests_until_s:
-            self._next = self.count + self.settings.every
+            self._next = self.count + WatchSettings.every
             self._thread = self._thread or ThreadPoolExecutor(1, "vbaa-watch")
-            self._coming = self._thread.submit(self._judged, sorted([*self._kept[0], *self._kept[1]], key=_order))
+            frames = sorted([*self._kept[0], *self._kept[1]], key=itemgetter(0))
+            self._coming = self._thread.submit(self._judged, frames)
         if self._coming is None or not (self.waits or self._coming.done()):
             return []
         (found, camera, took_s), self._coming = self._coming.result(), None
         if not self.waits:
-            self._rests_until_s = time.monotonic() + took_s * (1.0 / self.settings.share - 1.0)
+            self._rests_until_s = time.monotonic() + took_s * (1.0 / WatchSettings.share - 1.0)
         return self._news(found, camera)
 
     def close(self) -> None:
@@ -106,8 +107,8 @@ class RigWatch:
         return replace(found, verdict=verdict), camera, time.monotonic() - begin_s
 
     def _news(self, found: RecordingVerdict, camera: str) -> list[Diagnosis]:
-        sure = found.log_odds >= self.settings.least_log_odds
-        # Of a rig, what each change is of: which of a camera's it is shows later than that it is one.
+        sure = found.log_odds >= WatchSettings.least_log_odds
+        # the part that each change is of: that something of the camera has changed shows before which of its parameters
         parts = {
             **dict.fromkeys((row.name for row in CHANGES), "antenna"),
             **dict.fromkeys(
@@ -120,7 +121,7 @@ class RigWatch:
         part = f"{part} {camera}".strip() if part == "camera" else part
         self._times = self._times + 1 if part == self._part else 1
         self._part = part
-        if cause is None or self._times < self.settings.confirmed or part == self._named:
+        if cause is None or self._times < WatchSettings.confirmed or part == self._named:
             self._named = self._named if part else ""
             return []
         self._named = part
@@ -128,7 +129,3 @@ class RigWatch:
         if self.alarm is not None:
             self.alarm(self.count - 1, cause)
         return [cause]
-
-
-def _order(frame: tuple[int, Measured, Contact]) -> int:
-    return frame[0]

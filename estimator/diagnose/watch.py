@@ -67,7 +67,6 @@ class RecordingWatch:
     """
 
     rig: Rig
-    settings: RecordingSettings = field(default_factory=RecordingSettings)
     series: bool = True
 
     def __post_init__(self) -> None:
@@ -106,15 +105,15 @@ class RecordingWatch:
             self._apart_s.append(measured.time_s - self._time_s)
         sigma_px = float(measured.sigma_px[len(measured.sigma_px) // 2]) if len(measured.sigma_px) else np.nan
         self._pictures.append((self.count, measured.points_px, sigma_px, now))
-        if len(self._pictures) >= self.settings.compared:
+        if len(self._pictures) >= RecordingSettings.compared:
             self._compare()
         self._follow(self.count, now[None])
         series = np.concatenate([self._read, now[None]])
-        if len(measured.points_px) >= self.settings.fewest_points:
+        if len(measured.points_px) >= RecordingSettings.fewest_points:
             self._seen += 1
             if self._keeps(self.count):
                 self._keep(measured, self.count, self._around(series, len(self._read)))
-        self._read = series[-self.settings.lag_most :]
+        self._read = series[-RecordingSettings.lag_most :]
         self._time_s, self.count = measured.time_s, self.count + 1
 
     def push_together(self, batch: Batch, contacts: Contacts) -> None:
@@ -141,12 +140,12 @@ class RecordingWatch:
         self._pictures += [(row, px[:own], std if own else math.nan, now) for row, px, own, std, now in pictured]
         self._follow(begin, every)
         series = np.concatenate([self._read, every])
-        for row in np.flatnonzero(count >= self.settings.fewest_points).tolist():
+        for row in np.flatnonzero(count >= RecordingSettings.fewest_points).tolist():
             self._seen += 1
             if self._keeps(begin + row):
                 self._keep(batch.measured(row), begin + row, self._around(series, len(self._read) + row))
-        self._read, self.count = series[-self.settings.lag_most :], begin + len(batch)
-        if len(self._pictures) >= self.settings.compared:
+        self._read, self.count = series[-RecordingSettings.lag_most :], begin + len(batch)
+        if len(self._pictures) >= RecordingSettings.compared:
             self._compare()
         self._time_s = float(times[-1])
 
@@ -166,7 +165,7 @@ class RecordingWatch:
 
     def _follow(self, row: int, readings: np.ndarray) -> None:
         """Note the readings (B, 8) from a row on after the rows that are kept."""
-        most = self.settings.lag_most
+        most = RecordingSettings.lag_most
         for kept in (self._first, self._spread):
             for number, _, around in reversed(kept):
                 if row - number > most:
@@ -177,7 +176,7 @@ class RecordingWatch:
     def _around(self, series: np.ndarray, at: int) -> np.ndarray:
         """Readings (2, K, 8) before and after one of a series of them (N, 8), the nearest first; NaN where there is
         none."""
-        most = self.settings.lag_most
+        most = RecordingSettings.lag_most
         around = np.full((2, most, 8), np.nan)
         for into, some in zip(
             around, (series[max(at - most, 0) : at][::-1], series[at + 1 : at + 1 + most]), strict=True
@@ -204,16 +203,16 @@ class RecordingWatch:
 
     def _keeps(self, row: int) -> bool:
         """Whether a row is one of those that are kept."""
-        first = self.settings.first
+        first = RecordingSettings.first
         return len(self._first) < first or not (row - first) % self._stride
 
     def _keep(self, measured: Measured, row: int, around: np.ndarray) -> None:
         frame = row, measured, around
-        if len(self._first) < self.settings.first:
+        if len(self._first) < RecordingSettings.first:
             self._first.append(frame)
         else:
             self._spread.append(frame)
-            if len(self._spread) > 2 * self.settings.spread:
+            if len(self._spread) > 2 * RecordingSettings.spread:
                 self._spread, self._stride = self._spread[::2], 2 * self._stride
 
     def _count_limits(self, moment_Nm: float, row: int) -> None:
@@ -236,7 +235,7 @@ class RecordingWatch:
 
     def recorded(self) -> Recorded:
         """The frames kept as witnesses."""
-        chosen = spread_evenly(len(self._spread), self.settings.spread)
+        chosen = spread_evenly(len(self._spread), RecordingSettings.spread)
         kept = [*self._first, *(self._spread[index] for index in chosen)]
         batch = Batch.of(self.rig, [measured for _, measured, _ in kept])
         around, order = np.array([around for *_, around in kept]), np.array([number for number, *_ in kept])
@@ -246,16 +245,16 @@ class RecordingWatch:
         period_s = self._period_s if self._in_time else math.nan
         found = Recorded(rig, batch, around, order, period_s)
         seen = np.isfinite(batch.points_px).all(axis=-1).sum(axis=-1)
-        return found.picked(np.flatnonzero(seen >= self.settings.fewest_points))
+        return found.picked(np.flatnonzero(seen >= RecordingSettings.fewest_points))
 
     def verdict(self) -> RecordingVerdict:
         """The verdict from all rows so far."""
         exchanged = self._exchanged()
         elsewhere = [*self._repeated, *exchanged]  # rows with pictures that are not theirs
         found, rows, first, log_odds = self._of_series(exchanged), list(elsewhere), None, 0.0
-        if self._first and len(recorded := self.recorded()) >= self.settings.fewest:
+        if self._first and len(recorded := self.recorded()) >= RecordingSettings.fewest:
             own = ~np.isin(recorded.order, elsewhere)
-            if own.sum() >= self.settings.fewest:
+            if own.sum() >= RecordingSettings.fewest:
                 recorded = recorded.picked(np.flatnonzero(own))
             saturated, recorded = self._saturated(recorded)
             rows += [row for _, own in saturated for row in own]
@@ -281,7 +280,7 @@ class RecordingWatch:
         for value in self.limits:
             side = "largest" if value == self._limits[1] else "smallest"
             at, others = np.flatnonzero(read[:, 0] == value), read[:, 0][~np.isin(read[:, 0], self.limits)]
-            fine = len(np.unique(others)) > self.settings.distinct * len(others)
+            fine = len(np.unique(others)) > RecordingSettings.distinct * len(others)
             if not len(at) or not (fine or self._beyond(recorded.picked(at), value, side == "largest")):
                 continue  # the readings have few digits
             rows = self._at[value]
@@ -297,21 +296,21 @@ class RecordingWatch:
         """Whether pictures of some frames require a moment beyond `largest`."""
         expected, std = some.without_moments().fit.moments
         off = (expected - value) * (1.0 if largest else -1.0) / np.hypot(std, self.rig.moment_sensor.std_Nm)
-        return bool((off[np.isfinite(std)] > self.settings.beyond_std).any())
+        return bool((off[np.isfinite(std)] > RecordingSettings.beyond_std).any())
 
     def _of_series(self, exchanged: Sequence[int]) -> list[Diagnosis]:
         """Diagnoses from the series of readings, times and pictures alone; `exchanged` as from `_exchanged`."""
         found = []
-        if len(self._repeated) >= self.settings.repeated:
+        if len(self._repeated) >= RecordingSettings.repeated:
             count, start = len(self._repeated), self._repeated[0]
             words = f"{count} rows, first row {start}, repeat the picture before them, while the readings go on"
             remedy = "look why the camera stopped, and leave these rows out"
             found.append(Diagnosis("camera_frozen", words, remedy, "wrong"))
         [(words, count)] = self._turned.most_common(1) or [("", 0)]
-        if count > 1 and self._seen < self.settings.unexplained * self.count:
+        if count > 1 and self._seen < RecordingSettings.unexplained * self.count:
             row = next(one for one in READINGS if one.words == words)
             found.append(Diagnosis(row.name, row.words, row.remedy, row.severity))
-        elif self.count >= self.settings.fewest and self._seen < self.settings.unexplained * self.count:
+        elif self.count >= RecordingSettings.fewest and self._seen < RecordingSettings.unexplained * self.count:
             words = f"no antenna is seen in {self.count - self._seen} of {self.count} frames where the rig expects it"
             remedy = "look with vbaa look whether size, part and place of the pictures are those of the calibration"
             found.append(Diagnosis("antenna_unseen", words, remedy))
@@ -319,7 +318,7 @@ class RecordingWatch:
             words = f"the pictures of rows {exchanged[0]} and {exchanged[1]} fit better in each other's row"
             remedy = "look at their time stamps and names, and exchange them"
             found.append(Diagnosis("pictures_exchanged", words, remedy, "wrong"))
-        if self._period_s > self.settings.apart_s:
+        if self._period_s > RecordingSettings.apart_s:
             words = f"the frames are {self._period_s:.4g} s apart: their times may be in milliseconds or nanoseconds"
             found.append(Diagnosis("time_unit", words, "give time_s in seconds"))
         return found
@@ -332,23 +331,23 @@ class RecordingWatch:
     @property
     def _in_time(self) -> bool:
         """Whether the frames are a series in time: the pictures of others leap at most rows."""
-        return self.series and self._leaps <= self.settings.series * self.count
+        return self.series and self._leaps <= RecordingSettings.series * self.count
 
     def _exchanged(self) -> list[int]:
         """Pairs of rows with exchanged pictures."""
         self._compare()
         # next to a picture that is another row's the others seem to leap, too
         alone = np.count_nonzero(np.diff(self._jumps, prepend=-2) > 1)
-        if not alone or not self._in_time or alone > max(self.settings.seldom * self.count, 2):
+        if not alone or not self._in_time or alone > max(RecordingSettings.seldom * self.count, 2):
             return []
         sigma_px = [float(np.median(each.sigma_px)) for _, each, _ in (*self._first, *self._spread)]
-        jumps = self._jumps[: self.settings.most_jumps]
+        jumps = self._jumps[: RecordingSettings.most_jumps]
         pairs = _exchanged(np.concatenate(self._lateral), jumps, float(np.median(sigma_px or [np.nan])))
         return [row for pair in pairs for row in pair]
 
     def _of_rows(self) -> list[Diagnosis]:
         """Rows with readings that contradict their pictures."""
-        leaping = self._spikes if self._in_time and len(self._spikes) >= self.settings.spikes else []
+        leaping = self._spikes if self._in_time and len(self._spikes) >= RecordingSettings.spikes else []
         rows = sorted({*self._contradicted, *leaping})
         if not rows:
             return []
@@ -362,14 +361,14 @@ class RecordingWatch:
     @property
     def limits(self) -> tuple[float, ...]:
         """Moments at which the sensor may be at the end of its range."""
-        enough = max(self.settings.at_limit, self.settings.at_limit_share * self.count)
+        enough = max(RecordingSettings.at_limit, RecordingSettings.at_limit_share * self.count)
         varies = self._limits[1] > self._limits[0]
         return tuple(value for value in self._limits if varies and len(self._at.get(value, ())) >= enough)
 
     def _scatter(self, case: Case, causes: Sequence[Diagnosis]) -> list[Diagnosis]:
         """Diagnoses of standard deviations that are too small, and of shapes that are not this antenna's."""
         kept = [measured for _, measured, _ in (*self._first, *self._spread)]
-        some = kept[:: max(len(kept) // self.settings.scatter, 1)]
+        some = kept[:: max(len(kept) // RecordingSettings.scatter, 1)]
         lines = [each.points_px for each in some], [each.sigma_px for each in some]
         own, found = point_scatter(*lines), list[Diagnosis]()
         remedy = "straighten or replace it where it is bent or kinked, and calibrate again"
@@ -378,7 +377,7 @@ class RecordingWatch:
         drift, sigma_px = self.rig.drift, float(np.median([np.median(each) for each in lines[1]]))
         known = math.hypot(drift.line_px, drift.light_px, drift.lock_px) / max(sigma_px, 1e-9)
         if stated > math.hypot(OutlierSettings.tolerated, known):
-            if shared_share(*lines) * stated**2 > self.settings.shared * (stated**2 - 1.0):
+            if shared_share(*lines) * stated**2 > RecordingSettings.shared * (stated**2 - 1.0):
                 words = (
                     f"in all pictures alike the points lie {stated:.2g} times further off smooth curves than they may"
                 )
@@ -386,7 +385,7 @@ class RecordingWatch:
             words = f"the points scatter {stated:.2g} times more than their standard deviations say"
             found.append(Diagnosis("sigma_too_small", words, "give sigma_px as the tracker's points scatter"))
         off = float(np.sqrt(np.median(case.scale))) / max(own if own > 0.0 else 1.0, 1.0)
-        if off > self.settings.other_shape and not causes:
+        if off > RecordingSettings.other_shape and not causes:
             words = f"the antenna's points lie {off:.1f} times further off the shapes of this antenna than they scatter"
             found.append(Diagnosis("antenna_bent", words, remedy))
         return found
@@ -394,12 +393,12 @@ class RecordingWatch:
     def _unexplained(self, case: Case) -> Diagnosis | None:
         """Diagnosis of frames that nothing in the table explains."""
         lost = case.lost
-        (first, *_), least = case.splits, self.settings.fewest // 2
-        later = lost.sum() >= least and lost[first:].mean() > self.settings.contradicting
-        if not (lost.mean() > self.settings.unexplained or later):
+        (first, *_), least = case.splits, RecordingSettings.fewest // 2
+        later = lost.sum() >= least and lost[first:].mean() > RecordingSettings.contradicting
+        if not (lost.mean() > RecordingSettings.unexplained or later):
             return None
         alone = (case.recorded.without_moments().fit.cost - case.best)[lost] / case.scale[lost]
-        by_moment = float(np.mean(alone < 0.5 * case.settings.most))
+        by_moment = float(np.mean(alone < 0.5 * RecordingSettings.most))
         block = (
             "moments and pictures contradict each other"
             if by_moment > 0.5
@@ -408,7 +407,7 @@ class RecordingWatch:
         words = f"{lost.sum()} of {len(lost)} frames examined fit no contact, and no single cause explains it: {block}"
         remedy = "look at the frames with --overlay, and run vbaa check with a free antenna"
         return Diagnosis(
-            "unexplained", words, remedy, "wrong" if lost.mean() > self.settings.contradicting else "doubt"
+            "unexplained", words, remedy, "wrong" if lost.mean() > RecordingSettings.contradicting else "doubt"
         )
 
 
@@ -462,7 +461,7 @@ def _image_of_axis(rig: Rig) -> tuple[np.ndarray, np.ndarray]:
 def _lateral_px(clamp: np.ndarray, tip: np.ndarray, lines_px: Sequence[np.ndarray]) -> np.ndarray:
     """(B, K) lateral distances of lines' points (N, 2) from the straight one from clamp to tip, at places along
     that."""
-    settings, length = RecordingSettings(), math.hypot(*(tip - clamp))
+    settings, length = RecordingSettings, math.hypot(*(tip - clamp))
     found = np.full((len(lines_px), settings.places), np.nan)
     if not length > 0.0:
         return found
@@ -496,7 +495,7 @@ def _leaps(
 
     lateral_px : (B, K). sigma_px : (B,) standard deviations of the points. moment_std_Nm : the sensor's noise.
     """
-    settings = RecordingSettings()
+    settings = RecordingSettings
     size = _unlike(lateral_px[1:-1], 0.5 * (lateral_px[:-2] + lateral_px[2:]))
     apart = _unlike(lateral_px[:-2], lateral_px[2:])
     off, change = np.abs(readings[1:-1] - 0.5 * (readings[:-2] + readings[2:])), np.abs(readings[:-2] - readings[2:])
@@ -512,7 +511,7 @@ def _leaps(
 def _exchanged(lateral_px: np.ndarray, jumps: Sequence[int], sigma_px: float) -> list[tuple[int, int]]:
     """Pairs of rows, one of them a jump, with pictures without which both places are smoother; each row once, in its
     best pair. lateral_px : (N, K) of all rows. sigma_px : standard deviation of the points."""
-    pairs, settings = [], RecordingSettings()
+    pairs, settings = [], RecordingSettings
     around = np.full_like(lateral_px, np.nan)
     around[1:-1] = 0.5 * (lateral_px[:-2] + lateral_px[2:])
     size = _unlike(lateral_px, around)

@@ -13,6 +13,7 @@ import pytest
 
 from estimator.contact.estimate import ContactEstimator
 from estimator.diagnose import RecordingVerdict, RigWatch
+from estimator.diagnose.service import WatchSettings
 from estimator.table.contacts import LOCATED, Contact, Measured
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import Diagnosis, Verdict
@@ -114,7 +115,7 @@ def test_a_sound_rig_has_no_alarm() -> None:
         numbered = list(zip(range(240), several, contacts, strict=True))
         odds += [watch._judged(numbered[begin : begin + 60])[0].log_odds for begin in range(0, 240, 60)]
     print(f"largest log odds {max(odds):.1f} of {len(odds)}")
-    assert max(odds) < 0.7 * RigWatch(Bench(0).rig).settings.least_log_odds
+    assert max(odds) < 0.7 * WatchSettings.least_log_odds
 
 
 @pytest.mark.slow
