@@ -488,10 +488,13 @@ def gravity_antenna(kinematics: Kinematics, gravity_world_m_s2: np.ndarray, fram
 def load_session(root: Path) -> Session:
     """Read and check session.yaml. Raises InputError naming the key that is wrong."""
     root = Path(root)
-    if not root.is_dir():
-        problem = "is not a folder" if root.exists() else "no such folder"
-        raise InputError(problem, where=root, remedy="name a session folder (docs/formats.md)")
     path = root / "session.yaml"
+    if not path.is_file():
+        problem = "has no session.yaml" if root.is_dir() else "is not a folder" if root.exists() else "no such folder"
+        remedy = "name a session folder (docs/formats.md); pictures alone: `vbaa estimate` takes a table of them"
+        if (root / "recording.csv").is_file():
+            remedy = "name the session folder that it is in; `vbaa estimate` takes recording.csv itself, too"
+        raise InputError(problem, where=root, remedy=remedy)
     return session_from(read_yaml(path), root, path)
 
 
