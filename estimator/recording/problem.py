@@ -252,8 +252,11 @@ class RecordingProblem:
         through = inverse @ whole[:, own, shared]
         step = np.einsum("bij,bj->bi", inverse, side[:, own])
         information = sound[:, None, None] * (whole[:, shared, shared] - whole[:, shared, own] @ through)
-        # a distance at the tip gets the deviation that it would have if it were free
+        # a distance at the tip gets the deviation that it would have if it were free, and how far off it would be then
         free = np.linalg.inv(mine * scale[:, :, None] * scale[:, None, :]) * scale[:, :, None] * scale[:, None, :]
+        to_free = np.einsum("bij,bj->bi", free, side[:, own])
+        to_free *= (self.fixed_at_tip[rows] & (to_free[:, 0] < 0.0))[:, None]
+        free = free + to_free[:, :, None] * to_free[:, None, :]
         return Equations(
             own_covariance=free[:, :UNKNOWNS, :UNKNOWNS],
             through=through[:, :UNKNOWNS],

@@ -218,6 +218,7 @@ void try_tip(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work)
     fit.at_tip = true;
     evaluate_at(rig, frame, rung, true, fit, work);
     descend(rig, frame, rung, {TOLERANCE, true}, fit, work);
+    for (int a = 0; a < UNKNOWNS; ++a) fit.to_tip[a] = fit.unknowns[a] - free.unknowns[a];
     if (!(fit.cost <= free.cost + TIP_COST)) fit = free;
 }
 

@@ -134,6 +134,7 @@ struct State {
     double contact_m = 0.0;   // the contact's arc length on the nodes
     bool converged = false;
     bool at_tip = false;           // the distance is fixed at the tip
+    Unknowns to_tip = {};          // if so: the unknowns less those of the fit with a free distance
     Array<double, 2> information;  // (K′, K′) of the normal equations, priors included
     Array<double, 1> side;         // (K′,) their right side
 

@@ -186,6 +186,11 @@ void uncertainty(const Fit& fit, Uncertainty& found, Work& work) {
     reading_std(fit, fitted, found);
     const double inflation = huber_variance_inflation(fit);
     for (double& each : view(found.covariance)) each *= inflation;
+    if (!fit.at_tip) return;
+    // the contact may be where the free fit has it, as well
+    for (int a = 0; a < UNKNOWNS; ++a) {
+        for (int b = 0; b < UNKNOWNS; ++b) found.covariance[a][b] += fit.to_tip[a] * fit.to_tip[b];
+    }
 }
 
 double huber_excess(const Fit& fit) {
