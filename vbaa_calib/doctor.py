@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from vbaa_calib.core.errors import Diagnosis, Severity
+from vbaa_calib.core.threads import cores
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,7 +260,7 @@ def _computing(
     memory: Callable[[], int | None] = _available_memory, environ: Mapping[str, str] = os.environ
 ) -> HealthFinding:
     free, threads = memory(), environ.get("OMP_NUM_THREADS")
-    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    count = cores()
     words_now = f"{free / 1_000_000_000:.1f} GB of memory" if free is not None else "memory unknown"
     seen = f"{count} cores, {words_now}, OMP_NUM_THREADS {threads or 'not set'}"
     low = "close other programs; large pictures and torch need about 2 GB"

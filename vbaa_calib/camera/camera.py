@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from vbaa_calib.core.arrays import ArrayT, gate, is_tensor, masked, of_shape, working
-from vbaa_calib.core.errors import InputError, quoted
+from vbaa_calib.core.arrays import ArrayT, as_floats, fixed, gate, is_tensor, masked, of_shape, working
+from vbaa_calib.core.errors import InputError, about, quoted
 from vbaa_calib.core.files import read_json, write_json
 from vbaa_calib.geometry.covariance import is_covariance
 
@@ -31,7 +31,7 @@ def _checked_image_size(image_size: Any) -> tuple[int, int]:
 
 def _checked_matrix(matrix: Any) -> np.ndarray:
     """(3, 3) read-only copy of a camera matrix with fx, fy > 0, no skew and last row 0 0 1."""
-    values = _numbers(matrix, "the camera matrix", (3, 3))
+    values = fixed(matrix, (3, 3), "the camera matrix")
     if values[0, 0] <= 0 or values[1, 1] <= 0:
         raise InputError(
             f"the camera matrix is singular or mirrored: fx = {values[0, 0]:g}, fy = {values[1, 1]:g}",
@@ -44,35 +44,21 @@ def _checked_matrix(matrix: Any) -> np.ndarray:
 
 def _checked_distortion(distortion: Any, model: LensModel) -> np.ndarray:
     """(k,) read-only copy of the coefficients; OpenCV's (1, k) and (k, 1) are accepted too."""
-    values = _numbers(distortion, "distortion")
+    values = as_floats(distortion, "distortion", "give finite numbers")
     if values.size != max(values.shape, default=0) or values.size not in model.counts:
         allowed = ", ".join(map(str, model.counts))
         raise InputError(
             f"distortion has the shape {values.shape}", remedy=f"the model {model.name!r} takes {allowed} coefficients"
         )
-    return values.reshape(-1)
+    return fixed(values.reshape(-1), (values.size,), "distortion")
 
 
 def _checked_covariance(covariance: Any, count: int) -> np.ndarray:
     """(count, count) read-only copy of a symmetric, positive semidefinite matrix."""
-    values = _numbers(covariance, "the covariance", (count, count))
+    values = fixed(covariance, (count, count), "the covariance")
     if not is_covariance(values):
         raise InputError("the covariance is not symmetric and positive", remedy="calibrate again")
     return values
-
-
-def _numbers(values: Any, name: str, shape: tuple[int, ...] | None = None) -> np.ndarray:
-    """A read-only copy of finite numbers, of this shape if one is required."""
-    try:
-        array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{name} is not an array of numbers", remedy="give finite numbers") from None
-    if not np.isfinite(array).all():
-        raise InputError(f"{name} has NaN or infinity in it", remedy="give finite numbers")
-    if shape not in (None, array.shape):
-        raise InputError(f"{name} has the shape {array.shape}", remedy=f"give it as {shape}")
-    array.flags.writeable = False
-    return array
 
 
 @dataclass(frozen=True)
@@ -204,10 +190,8 @@ class Camera:
     @gate
     def load(path: Path | str) -> Camera:
         """The camera in a camera.json. Raises InputError naming the file and what is wrong with it."""
-        try:
+        with about(path):
             return Camera.from_dict(read_json(Path(path)))
-        except InputError as error:
-            raise error if error.where else InputError(error.what, where=path, remedy=error.remedy) from None
 
     @staticmethod
     @gate

@@ -10,6 +10,7 @@ from vbaa_calib.core.console import say
 from vbaa_calib.core.files import refuse_overwrite
 
 from .usable_rig import configure as add_accept
+from .usable_rig import usable_rig
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -33,8 +34,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Write one file. Returns the output's path, and what the format cannot hold."""
     from vbaa_calib.export.simulators import EXPORTS, export
-
-    from .usable_rig import usable_rig
 
     refuse_overwrite(args.output, args.force, [args.rig])
     _, what, lost = EXPORTS[args.target]

@@ -6,6 +6,9 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from vbaa_calib.core.console import say
+from vbaa_calib.core.errors import InputError
+
 if TYPE_CHECKING:
     from vbaa_calib.rig import Rig
 
@@ -19,8 +22,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def usable_rig(path: Path, accept_wrong: bool = True) -> Rig:
     """The rig in a rig.json. A wrong calibration is reported if it is accepted; otherwise raises InputError."""
-    from vbaa_calib.core.console import say
-    from vbaa_calib.core.errors import InputError
     from vbaa_calib.rig import Rig
 
     rig = Rig.load(path)

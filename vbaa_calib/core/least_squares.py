@@ -194,19 +194,15 @@ class ScoreTest(NamedTuple):
         return np.asarray(axes @ np.where(along**2 > least_std**2 * variances, along, 0.0)) * scale
 
 
-def score_test(
-    information: np.ndarray, score: np.ndarray, prior_std: float | np.ndarray, least_information: float = 0.0
-) -> ScoreTest | None:
+def score_test(information: np.ndarray, score: np.ndarray, prior_std: float | np.ndarray) -> ScoreTest | None:
     """Score-test estimate of K extra parameters about 0 with prior N(0, prior_std²).
 
     information : (K, K) about them, all other parameters eliminated; score : (K,) slope of the log likelihood by them.
-    None where the data say nothing about one of them: a scaled eigenvalue of at most `least_information`.
+    None where the data say nothing about one of them.
     """
     prior = np.broadcast_to(np.asarray(prior_std, float), score.shape)
     size = np.sqrt(np.diag(information))
     if not (np.isfinite(size).all() and (size > 0.0).all()):
-        return None
-    if least_information and np.linalg.eigvalsh(information / np.outer(size, size)).min() <= least_information:
         return None
     # in units of the prior's standard deviations
     unit, pull = information * np.outer(prior, prior), score * prior
@@ -310,13 +306,11 @@ class Linearised:
         root = self.covariance_root()
         return root @ root.T
 
-    def score_test(
-        self, columns: np.ndarray, prior_std: float | np.ndarray, least_information: float = 1e-9
-    ) -> ScoreTest | None:
+    def score_test(self, columns: np.ndarray, prior_std: float | np.ndarray) -> ScoreTest | None:
         """Score-test estimate of extra parameters with Jacobian `columns` (R, K) and prior N(0, prior_std²).
 
-        The problem's own parameters adapt. None where they explain the same: where less than `least_information` of
-        the columns' information is left.
+        The problem's own parameters adapt. None where they explain the same: where hardly any of the columns'
+        information is left.
         """
         weights = self.weights[:, None]
         own, jacobian = columns * weights, self.jacobian * weights
@@ -327,7 +321,7 @@ class Linearised:
         left = own - basis @ (basis.T @ own)
         # the rest of the residuals alone: at a minimum of a robust cost their slope is zero, before it need not be
         residuals = self.residuals * self.weights
-        if np.linalg.eigvalsh(left.T @ left / np.outer(size, size)).min() <= least_information:
+        if np.linalg.eigvalsh(left.T @ left / np.outer(size, size)).min() <= 1e-9:
             return None
         return score_test(left.T @ left, -left.T @ residuals, prior_std)
 

@@ -141,6 +141,11 @@ class Antenna:
             },
         }
 
+    def stated(self, std: np.ndarray) -> dict[str, Any]:
+        """Its entry of rig.json among several in the same picture. std : (9,) of its parameters."""
+        by_name = dict(zip(ANTENNA_PARAMETERS, std.tolist(), strict=True))
+        return self.to_dict(by_name.__getitem__) | {"parameters_std": std.tolist()}
+
 
 NamedAntennas = Mapping[str, tuple[Antenna, np.ndarray]]
 """Antennas that share a camera, by name: each with the standard deviations (9,) of its parameters."""

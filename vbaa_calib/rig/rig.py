@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, lru_cache
-from itertools import starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +13,7 @@ import numpy as np
 from vbaa_calib.camera import Camera, in_plane_axes
 from vbaa_calib.camera.lens import from_core
 from vbaa_calib.core.arrays import as_floats, fixed, gate, of_shape, real_gravity
-from vbaa_calib.core.errors import InputError, Verdict, quoted
+from vbaa_calib.core.errors import InputError, Verdict, about, quoted
 from vbaa_calib.core.files import read_json, write_json
 from vbaa_calib.geometry import PLANE_C, Kinematics, Plane, Pose
 from vbaa_calib.geometry.covariance import independent_axes, is_covariance
@@ -50,13 +49,6 @@ def _joint_covariance(joint: Joint, lens: tuple[str, ...], where: object) -> np.
             remedy="run vbaa calibrate again",
         )
     return np.array(rows, float)
-
-
-def _named(name: str, one: tuple[Antenna, np.ndarray]) -> tuple[str, dict[str, Any]]:
-    """An entry of rig.json's `antennas`: its name and mapping."""
-    antenna, std = one
-    by_name = dict(zip(ANTENNA_PARAMETERS, std.tolist(), strict=True))
-    return name, antenna.to_dict(by_name.__getitem__) | {"parameters_std": std.tolist()}
 
 
 def _of_camera(data: Mapping[str, Any], name: str) -> dict[str, Any]:
@@ -561,7 +553,7 @@ class Rig:
             camera = replace(camera, covariance=covariance[lens, lens])
         _check_view(read.T_antenna_camera, read.antenna.length_m, where)
         sensor, axes = read.moment_sensor, read.kinematics.axes_uncertainty
-        try:
+        with about(where):
             return Rig(
                 camera=camera,
                 T_antenna_camera=read.T_antenna_camera,
@@ -582,8 +574,6 @@ class Rig:
                 others={name: Rig.from_dict(_of_camera(data, name), where) for name in read.cameras},
                 camera_name=read.camera_name,
             )
-        except InputError as error:
-            raise error if error.where else InputError(error.what, where=where, remedy=error.remedy) from None
 
     @gate
     def save(self, path: str | Path, *, force: bool = False) -> None:
@@ -609,7 +599,11 @@ class Rig:
             "image": asdict(self.image),
             "drift": asdict(self.drift),
             **({} if self.clamp is None else {"clamp": asdict(self.clamp)}),
-            **({} if not self.antennas else {"antennas": dict(starmap(_named, self.antennas.items()))}),
+            **(
+                {}
+                if not self.antennas
+                else {"antennas": {name: one.stated(std) for name, (one, std) in self.antennas.items()}}
+            ),
             "verdict": self.verdict.to_dict(),
             "joint": {"parameters": list(self.parameter_names), "covariance": self.covariance.tolist()},
         }

@@ -22,9 +22,7 @@ def _antenna(stated: StatedAntenna) -> dict[str, Any]:
     values, std = np.zeros((2, len(ANTENNA_PARAMETERS)))
     values[5:8] = stated.bow_per_m, np.log(stated.stiffness_Nm2), np.log(stated.mass_per_length_kg_m)
     std[5:8] = stated.bow_std_per_m or 1.0 / stated.length_m, stated.stiffness_std, stated.mass_std
-    by_name = dict(zip(ANTENNA_PARAMETERS, std.tolist(), strict=True))
-    known = Antenna(stated.length_m, stated.diameter_m, values)
-    return known.to_dict(by_name.__getitem__) | {"parameters_std": std.tolist()}
+    return Antenna(stated.length_m, stated.diameter_m, values).stated(std)
 
 
 def stated_rig(path: Path) -> dict[str, Any]:

@@ -8,8 +8,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vbaa_calib.cli.usable_rig import usable_rig
+from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import Disconnected, InputError, clipped, require_extra
-from vbaa_calib.core.files import require_file
+from vbaa_calib.core.files import read_json, require_file
+from vbaa_calib.core.threads import cores
 from viz.cli import streams
 from viz.cli.estimate import add_estimator_options
 
@@ -55,10 +58,6 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     from estimator.contact.source import is_stream
     from estimator.table.contacts import STATUSES
     from estimator.table.overview import Overview, overview_in_words
-    from vbaa_calib.cli.usable_rig import usable_rig
-    from vbaa_calib.core.console import say
-    from vbaa_calib.core.errors import InputError
-    from vbaa_calib.core.files import require_file
     from viz.batch.cluster import client_of, run
     from viz.batch.recordings import recordings_of
     from viz.batch.results import Results
@@ -155,8 +154,6 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _where(args: argparse.Namespace, count: int) -> Where:
-    from vbaa_calib.core.errors import InputError
-    from vbaa_calib.core.threads import cores
     from viz.batch.cluster import Where
 
     elsewhere = args.scheduler is not None or args.scheduler_file is not None
@@ -181,8 +178,6 @@ def _where(args: argparse.Namespace, count: int) -> Where:
 
 def _address_in(file: Path) -> str:
     """The scheduler's address in the file that it wrote. Raises InputError."""
-    from vbaa_calib.core.errors import InputError
-    from vbaa_calib.core.files import read_json
 
     address = read_json(file).get("address")
     if not isinstance(address, str):
@@ -191,7 +186,6 @@ def _address_in(file: Path) -> str:
 
 
 def _check_memory(size: str) -> None:
-    from vbaa_calib.core.errors import InputError
 
     try:
         from dask.utils import parse_bytes

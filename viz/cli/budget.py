@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vbaa_calib.cli.joints import add_joints, pan_tilt_rad
+from vbaa_calib.cli.usable_rig import usable_rig
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json, refuse_outputs, write_json, write_text
@@ -46,7 +47,6 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     from estimator.budget.budget import error_budget
     from estimator.budget.report import SCHEMA, advice, as_data, table
     from vbaa_calib.calibrate.check.finding import at
-    from vbaa_calib.cli.usable_rig import usable_rig
 
     outputs = {"budget": args.output, "figure": args.figure}
     refuse_outputs(outputs.values(), args.force, (args.rig,))
@@ -130,7 +130,7 @@ def _contacts_as_data(budget: Budget) -> list[dict[str, Any]]:
     def deviations(row: np.ndarray) -> dict[str, float]:
         return {name: float(np.sqrt(values[0])) for name, values in per_result(row[None]).items()}
 
-    whole = _sum_of(budget)
+    whole = np.sum(list(budget.variances.values()), axis=0)
     return [
         {
             "distance_m": float(budget.touches.distance_m[i]),
@@ -140,10 +140,3 @@ def _contacts_as_data(budget: Budget) -> list[dict[str, Any]]:
         }
         for i in range(len(budget.touches))
     ]
-
-
-def _sum_of(budget: Budget) -> np.ndarray:
-    """(B, 6) variances due to all causes together."""
-    import numpy as np
-
-    return np.sum(list(budget.variances.values()), axis=0)

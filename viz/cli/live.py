@@ -13,10 +13,15 @@ import time
 from collections import deque
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
+
+from vbaa_calib.cli.usable_rig import usable_rig
+from vbaa_calib.core.console import say
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import read_bytes
 
 from . import streams
 from .estimate import add_estimator_options
@@ -74,15 +79,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Estimate a stream until it ends or is interrupted. Returns the summary; the exit code is 1 where the verdict
     on the recording is wrong. Raises InputError before any work."""
-    from dataclasses import replace
-
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.surroundings import AUTO, surroundings
     from estimator.diagnose import RigWatch
     from estimator.live import LiveEstimator
-    from vbaa_calib.cli.usable_rig import usable_rig
-    from vbaa_calib.core.console import say
-    from vbaa_calib.core.errors import InputError
     from vbaa_calib.session import drift_of
     from vbaa_calib.streams import Synchronizer
 
@@ -121,7 +121,6 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _clocked(args: argparse.Namespace, estimator: ContactEstimator, timing: Timing, ground: Ground | None) -> Timing:
     """The timing with the clocks' offset, estimated if asked. Raises InputError where it cannot be estimated."""
-    from vbaa_calib.core.errors import InputError
     from vbaa_calib.streams.recorded import is_recorded
 
     path = Path(args.source)
@@ -134,7 +133,6 @@ def _clocked(args: argparse.Namespace, estimator: ContactEstimator, timing: Timi
 
 def _source(args: argparse.Namespace, rig: Rig, timing: Timing) -> MessageSource:
     """The named source with its readings. Raises InputError."""
-    from vbaa_calib.core.errors import InputError
     from vbaa_calib.streams.devices import udp_socket, with_datagrams
     from vbaa_calib.streams.recorded import is_recorded, open_running
 
@@ -163,8 +161,6 @@ def _source(args: argparse.Namespace, rig: Rig, timing: Timing) -> MessageSource
 
 def _key(args: argparse.Namespace) -> bytes | None:
     """The secret of --udp-key. Raises InputError for a short one, and for one that other users can read."""
-    from vbaa_calib.core.errors import InputError
-    from vbaa_calib.core.files import read_bytes
 
     path: Path | None = args.udp_key
     if path is None:
@@ -183,7 +179,6 @@ def _key(args: argparse.Namespace) -> bytes | None:
 def _sinks(args: argparse.Namespace, stack: ExitStack) -> list[_Sink]:
     """The outputs of contacts; all are closed, complete, with the stack. Raises InputError for an existing file."""
     from estimator.live.outputs import ContactBag, Datagrams, GrowingTable
-    from vbaa_calib.core.errors import InputError
     from vbaa_calib.streams.bag_of_session import refuse_bag
 
     inputs = (args.rig, args.readings, args.background, args.udp_key, Path(args.source))
@@ -296,7 +291,6 @@ class _Monitor:
         return self.stops and self.live.watch is not None and bool(self.live.watch.alarms)
 
     def write(self, contact: LiveContact) -> None:
-        from vbaa_calib.core.console import say
 
         frame, own = contact.row.frame, contact.item.contact
         if contact.final:
@@ -318,7 +312,6 @@ class _Monitor:
 
     def news(self) -> None:
         """Print the source's notes as they come, and once that the pictures' size has changed."""
-        from vbaa_calib.core.console import say
 
         for note in self.source.notes[self.reported :]:
             say(note)
@@ -330,7 +323,6 @@ class _Monitor:
 
     def _warn(self, frame: int) -> None:
         """Print each diagnosis of the recording once."""
-        from vbaa_calib.core.console import say
 
         verdict = self.live.verdict.now.verdict
         for one, words in zip(verdict.findings, verdict.lines, strict=True):
@@ -362,7 +354,6 @@ class _Monitor:
         from estimator.contact.drift import drift_in_words
         from estimator.diagnose.consequences import changed_row, with_unused
         from estimator.table.overview import overview_in_words
-        from vbaa_calib.core.console import say
 
         if self.next_s:
             print(file=sys.stderr)

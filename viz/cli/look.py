@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from vbaa_calib.cli.joints import add_joints, pan_tilt_rad
+from vbaa_calib.cli.usable_rig import usable_rig
 from vbaa_calib.core.console import say
 from vbaa_calib.core.files import replacing
 from viz.files.outputs import refuse_output
@@ -42,7 +43,6 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     from estimator.contact.overlay import corridor_of
     from estimator.contact.recording import prepared, subtracted
     from estimator.contact.surroundings import AUTO, neighbours, surroundings
-    from vbaa_calib.cli.usable_rig import usable_rig
     from vbaa_calib.core.images import read_gray, read_picture
     from vbaa_calib.detect.drawing.overlay import centreline_picture, described
     from vbaa_calib.detect.whisker.acceptance import Cause, stretches, why_lost

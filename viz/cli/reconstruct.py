@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from vbaa_calib.cli.joints import add_antenna
+from vbaa_calib.cli.usable_rig import usable_rig
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
 from viz.files.outputs import refuse_output
@@ -40,7 +41,6 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         )
     else:
         from estimator.contact.common_errors import shared_errors
-        from vbaa_calib.cli.usable_rig import usable_rig
 
         rig = usable_rig(args.rig)
         shared = None if table.clamp_moves else shared_errors(rig, table)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vbaa_calib.cli.joints import add_antenna
+from vbaa_calib.cli.usable_rig import usable_rig
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json
@@ -129,7 +130,6 @@ def _scene_of(args: argparse.Namespace) -> tuple[Scene, int]:
     """The scene of all inputs, and its number of frames."""
     from estimator.object.estimate import estimate_object
     from estimator.table.files import read_contacts
-    from vbaa_calib.cli.usable_rig import usable_rig
     from viz.files.object_file import read_object
     from viz.scene.rig_items import session_pictures, small_picture
     from viz.scene.scene import build_scene, framewise, refuse_out_of_reach
