@@ -17,6 +17,7 @@ from estimator.solver.numbers import FitNumbers
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.core.least_squares import score_test
+from vbaa_calib.geometry.covariance import variance_along
 from vbaa_calib.rig import Rig
 
 from .settings import RecordingSettings
@@ -152,7 +153,7 @@ class _Fitted:
         information = information + fixed[:, :, None] * np.eye(size)
         sound = np.isfinite(information).all(axis=(1, 2)) & np.isfinite(slopes).all(axis=1)
         inverse = np.linalg.inv(np.where(sound[:, None, None], information, np.eye(size)))
-        variance = np.einsum("bi,bij,bj->b", slopes, inverse, slopes)
+        variance = variance_along(inverse, slopes)
         sound &= np.isfinite(self.cost[rows]) & (self.free[rows] | ~self.numbers.ambiguous[rows])
         return -std * found.residual[:, 0] / weak, np.where(sound, std * np.sqrt(np.maximum(variance, 0.0)), np.inf)
 

@@ -81,7 +81,7 @@ class State:
 
 
 @dataclass(frozen=True, eq=False)
-class Equations:
+class Equations(Rows):
     """Normal equations at a state, with each frame's own unknowns eliminated (Schur complement)."""
 
     own_covariance: np.ndarray  # (B, 4, 4) of the unknowns, with the shared errors known
@@ -160,9 +160,7 @@ class RecordingProblem:
         rig = self.arrays_at(state.shared), self._split()
         begins = range(0, max(len(self.touching), 1), RefineSettings.chunk)
         parts = [self._of_chunk(*rig, state, slice(begin, begin + RefineSettings.chunk), trust) for begin in begins]
-        return Equations(
-            *(np.concatenate(column) for column in zip(*(vars(part).values() for part in parts), strict=True))
-        )
+        return Equations.joined(parts)
 
     def free_equations(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Information (F, S, S) and right side (F, S) of the frames of the free antenna on the shared steps."""

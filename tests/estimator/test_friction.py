@@ -12,7 +12,7 @@ from benchmarks.estimator.setup import Setup, drawn_truth
 from benchmarks.object.scenes import Recorded, contacts, record
 from estimator.contact.common_errors import CommonErrors
 from estimator.object.estimate import ObjectEstimate, estimate_object
-from estimator.object.friction import Friction, friction
+from estimator.object.friction import Friction, FrictionSettings, friction
 from estimator.object.friction.friction import (
     _Angles,
     _coefficient,
@@ -195,6 +195,17 @@ def test_a_few_wrong_frames(there_and_back: tuple[Rubbed, Surface]) -> None:
     found = judged(replace(given, table=replace(given.table, force_world_N=force)), surface)
     assert found.determined
     assert found.mu == pytest.approx(0.3, abs=0.006)
+
+
+def test_the_last_labels_are_those_that_were_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Touches that slide to and fro count as sticking from the next fit on; after the last one nothing changes."""
+    monkeypatch.setattr(FrictionSettings, "relabelled", 1)
+    given = rubbed(0.3, np.random.default_rng(0), errors=Errors(lean_rad=0.05))
+    velocity = given.track.slip_velocity_m_s.copy()
+    velocity[8:18] *= -1.0
+    found = judged(replace(given, track=replace(given.track, slip_velocity_m_s=velocity)))
+    assert found.determined
+    assert found.mu == pytest.approx(given.mu, abs=4.0 * found.std)
 
 
 def test_the_prior_of_the_friction_angle_is_taken_out_again() -> None:

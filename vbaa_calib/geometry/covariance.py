@@ -1,4 +1,4 @@
-"""Covariance matrices: validity, independent axes, the worst direction, conditioning."""
+"""Covariance matrices: validity, independent axes, variances along directions, conditioning."""
 
 from __future__ import annotations
 
@@ -34,6 +34,11 @@ def largest_std(covariance: np.ndarray) -> np.ndarray:
     known = np.isfinite(covariance).all(axis=(-1, -2))
     std[known] = np.sqrt(np.linalg.eigvalsh(covariance[known])[..., -1].clip(0.0))
     return std
+
+
+def variance_along(covariance: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """(N,) variances, along directions (N, D), of vectors with covariances (N, D, D)."""
+    return np.asarray(np.einsum("ni,nij,nj->n", directions, covariance, directions))
 
 
 def is_covariance(matrix: np.ndarray) -> bool:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimator.table.contacts import ContactTable
+from vbaa_calib.geometry.covariance import variance_along
 from viz.scene.readable import enlargement, thinned
 
 from .drawing import Plot, limits, time_colours
@@ -157,7 +158,7 @@ def indentation(surface: Surface, contacts: ContactTable, radius_m: float, true_
     normal, soft = surface.touched_normal, surface.compliance
     force = 1e3 * (contacts.force_world_N * normal).sum(axis=1)
     inside = 1e3 * (((surface.touched_m - contacts.point_world_m) * normal).sum(axis=1) + radius_m)
-    variance = np.einsum("pi,pij,pj->p", normal, contacts.covariance_world_m2, normal)
+    variance = variance_along(contacts.covariance_world_m2, normal)
     std = 1e3 * np.sqrt(np.clip(variance, 0.0, None))
     known = thinned(np.flatnonzero(np.isfinite(force) & np.isfinite(inside)), STYLE.most_points)
     force, inside, std = force[known], inside[known], std[known]

@@ -18,6 +18,7 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.diagnose.boards import same_pose
+from vbaa_calib.geometry.covariance import largest_std
 from viz.figures import check as figures
 from viz.figures.settings import STYLE
 from viz.pages.page import Table, fixed, number, records, render, with_std
@@ -96,10 +97,7 @@ def _maps(camera: Camera, distance_m: float) -> tuple[dict[str, Any], dict[str, 
     pixels, covariance_px2, std_px = projection_uncertainty(camera, grid=(49, 37))
     _, slopes, seen = camera.normalized_with_slopes(pixels)
     slopes = 1e3 * distance_m * np.where(seen[..., None, None], slopes, np.nan)
-    on_plane = slopes @ covariance_px2 @ np.swapaxes(slopes, -1, -2)
-    std_mm = np.full(seen.shape, np.nan)
-    finite = np.isfinite(on_plane).all(axis=(-1, -2))
-    std_mm[finite] = np.sqrt(np.linalg.eigvalsh(on_plane[finite])[:, -1].clip(0.0))
+    std_mm = largest_std(slopes @ covariance_px2 @ np.swapaxes(slopes, -1, -2))
     place = {"columns_px": pixels[0, :, 0], "rows_px": pixels[:, 0, 1], "has_ray": seen}
     return {"unit": "mm", "std": std_mm, **place}, {"unit": "px", "std": std_px, **place}
 

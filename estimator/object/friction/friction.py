@@ -23,6 +23,7 @@ from estimator.object.surface import Normals
 from estimator.table.contacts import ContactTable, joint_angles
 from vbaa_calib.core.arrays import Rows
 from vbaa_calib.core.robust import NORMAL_QUARTILE, chi_square_p, finite_or_none
+from vbaa_calib.geometry.covariance import variance_along
 
 if TYPE_CHECKING:
     from estimator.contact.common_errors import CommonErrors
@@ -78,7 +79,7 @@ class FrictionSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class _Angles:
+class _Angles(Rows):
     """P angles; NaN where unknown or not to be used."""
 
     angle_rad: np.ndarray  # (P,)
@@ -92,7 +93,7 @@ class _Angles:
 
 
 @dataclass(frozen=True, eq=False)
-class _FrictionTouches:
+class _FrictionTouches(Rows):
     """P touches. The lateral axis is n × t, across the antenna on the object's surface; the longitudinal one is t."""
 
     used_as: np.ndarray  # (P,) as `Friction`'s
@@ -104,9 +105,6 @@ class _FrictionTouches:
     longitudinal: _Angles  # the friction angle without its prior, positive for a force towards the clamp
     slip: np.ndarray  # (P, 2) unit direction of the slip, lateral and longitudinal; NaN where it does not slide
     slip_std_rad: np.ndarray  # (P,)
-
-    def __len__(self) -> int:
-        return len(self.used_as)
 
     @property
     def across(self) -> np.ndarray:
@@ -143,14 +141,10 @@ class _FrictionAngles:
         for side, sure in zip(sides, directed.T, strict=True):
             known = np.isfinite(side.angle_rad) & np.isfinite(side.std_rad) & (side.std_rad > 0)
             rows.append(np.flatnonzero(used & sure & known & np.isfinite(side.modes_rad).all(axis=1)))
-        joined = [
-            np.concatenate([vars(side)[name][which] for side, which in zip(sides, rows, strict=True)])
-            for name in ("angle_rad", "std_rad", "modes_rad")
-        ]
         touch = np.concatenate(rows)
         slides = slides[touch]
         return _FrictionAngles(
-            _Angles(*joined),
+            _Angles.joined([side.picked(which) for side, which in zip(sides, rows, strict=True)]),
             slides=slides,
             lateral=np.arange(len(touch)) < len(rows[0]),
             slip=np.where(slides[:, None], rubs.slip[touch], 0.0),
@@ -435,7 +429,7 @@ def friction(
     # where the shape does not determine the turn about the antenna
     unknown = np.where(rubs.spread_across[:, None], 0.0, np.nan_to_num(axes.lateral))
     covariance = surface.touched_normal_covariance + unknown[:, :, None] * unknown[:, None, :]
-    turned = axes.lateral_variance(covariance)
+    turned = variance_along(covariance, axes.lateral)
     lateral_std = np.sqrt(found.std_rad**2 + np.sum(found.modes_rad**2, axis=1) + turned)
     informative = interval[0] > 0.0 or np.isfinite(interval[1])
     nu = np.full(len(rows), np.nan)
@@ -466,7 +460,7 @@ def friction(
 def _fitted(rubs: _FrictionTouches) -> tuple[_FrictionTouches, _Coefficient | None]:
     """The touches as used in the fit, and their coefficient, None where none is usable. A contact that slides to and
     fro faster than the slip is averaged lies inside the cone: it then no longer counts as sliding."""
-    for _ in range(FrictionSettings.relabelled):
+    for left in range(FrictionSettings.relabelled, -1, -1):
         evidence = _FrictionAngles.of(rubs)
         if not len(evidence.touch):
             return rubs, None
@@ -476,7 +470,7 @@ def _fitted(rubs: _FrictionTouches) -> tuple[_FrictionTouches, _Coefficient | No
         inside = (
             evidence.slides & evidence.lateral & (np.abs(off) > FrictionSettings.wrong_std) & (off * expected < 0.0)
         )
-        if not inside.any():
+        if not (left and inside.any()):
             break
         which = evidence.touch[inside]
         used, slides = rubs.used_as.copy(), rubs.slides.copy()
@@ -496,7 +490,7 @@ def _update_normals(
     """The shape's normals, rotated about the antenna by the forces: for sliding touches by the fit of μ; for others,
     and where no μ fits, into the cone of `largest_mu`, inf where that is unknown."""
     lateral = axes.lateral
-    before = np.maximum(axes.lateral_variance(normals.covariance), 0.0)
+    before = np.maximum(variance_along(normals.covariance, lateral), 0.0)
     angle, variance, fitted = np.zeros(len(rubs)), before, np.zeros(len(rubs), bool)
     if mu is not None:
         angle, variance, off = _by_fit(before, rubs, mu)
@@ -581,10 +575,6 @@ class _Axes:
             lateral,
         )
 
-    def lateral_variance(self, covariance: np.ndarray) -> np.ndarray:
-        """(P,) lateral variances of vectors with covariances (P, 3, 3)."""
-        return np.einsum("pi,pij,pj->p", self.lateral, covariance, self.lateral)
-
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
     """Vectors (..., 3) scaled to length 1; NaN where they are zero."""
@@ -627,7 +617,7 @@ def _spread_across(point_m: np.ndarray, own_m2: np.ndarray, axes: _Axes, patch: 
     sides, number = np.einsum("pni,api->apn", offset, np.stack([axes.lateral, axes.along])), near.sum(axis=1)
     mean = np.where(near, sides, 0.0).sum(axis=2) / number
     across, along = np.sqrt(np.where(near, (sides - mean[..., None]) ** 2, 0.0).sum(axis=2) / number)
-    noise = np.sqrt(np.maximum(axes.lateral_variance(own_m2), 0.0))
+    noise = np.sqrt(np.maximum(variance_along(own_m2, axes.lateral), 0.0))
     usual = np.array([np.median(noise[each]) for each in near])
     return (across > FrictionSettings.across_share * along) & (across > FrictionSettings.across_std * usual)
 
@@ -639,7 +629,7 @@ def _friction_touches(
     rows = surface.touched_row
     axes = _Axes.of(surface.touched_normal, table.tangent_world[rows], table.status[rows] == "tip_contact")
     found = _force_directions(table, shared, rows, axes)
-    turned = axes.lateral_variance(surface.touched_normal_covariance)
+    turned = variance_along(surface.touched_normal_covariance, axes.lateral)
     common = np.einsum("pi,pik->pk", axes.lateral, surface.touched_normal_modes)
     normal_std = np.sqrt(np.maximum(turned - np.sum(common**2, axis=1), 0.0))
     seen = _friction_angles(table, shared, rows, axes, friction_rad)

@@ -2,4 +2,4 @@
 
 from .plan import GOALS, JointLimits, NextTouch, next_touch
 
-__all__ = ["FRICTION", "GOALS", "STIFFNESS", "SURFACE", "JointLimits", "NextTouch", "next_touch"]
+__all__ = ["GOALS", "JointLimits", "NextTouch", "next_touch"]

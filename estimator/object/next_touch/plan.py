@@ -31,6 +31,7 @@ from vbaa_calib.antenna.rungs import REFERENCE
 from vbaa_calib.antenna.shape import CONTACT, Curves
 from vbaa_calib.core.arrays import Rows, gate, spread_evenly
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.geometry.covariance import variance_along
 from vbaa_calib.rig import Rig
 
 
@@ -40,6 +41,7 @@ class _TouchSettings:
 
     most_steps: int = 15  # of Newton's method for a touch
     longest_step: float = 0.25  # in antenna lengths
+    difference_step: float = 1e-4  # of its slopes
     converged: float = 1e-4  # misfit at which it ends
     swept_share: float = 0.12  # a step along the surface, of its patch's extent,
     farthest_step_rad: float = 0.06  # but no longer than this
@@ -98,10 +100,6 @@ class _Reach(Rows):
     tangent: np.ndarray  # (B, 3)
     force_N: np.ndarray  # (B, 3)
 
-    def frames(self, arrays: RigArrays) -> Frames:
-        """Frames at their joint angles, without points and readings."""
-        return _frames(arrays, self.joints_rad)
-
 
 def _frames(arrays: RigArrays, joints_rad: np.ndarray) -> Frames:
     """Frames at joint angles (B, 2), without points and readings."""
@@ -157,10 +155,10 @@ def _surface_std(found: SurfaceFit, patch: np.ndarray, point_m: np.ndarray, norm
     return result
 
 
-def _newton(residual: Callable[[np.ndarray], np.ndarray], start: np.ndarray, step: float) -> np.ndarray:
+def _newton(residual: Callable[[np.ndarray], np.ndarray], start: np.ndarray) -> np.ndarray:
     """Solutions of B small systems (B, K) by Newton's method with difference quotients; NaN where it does not
     converge."""
-    x, size = start, start.shape[1]
+    x, size, step = start, start.shape[1], _TouchSettings.difference_step
     for _ in range(_TouchSettings.most_steps):
         here = residual(x)
         slopes = np.stack([(residual(x + step * axis) - here) / step for axis in np.eye(size)], axis=-1)
@@ -204,7 +202,7 @@ def _reachable(
         gap, flat, _ = _against(found, patch, _bent(arrays, start + x[:, 1:] * press, unknowns), radius)
         return np.column_stack([gap / _TouchSettings.place_m, flat])
 
-    first = _newton(free, np.column_stack([distance, np.zeros(len(row))]), 1e-4)
+    first = _newton(free, np.column_stack([distance, np.zeros(len(row))]))
     touch = start + first[:, 1:] * press
     parts, known = [], np.isfinite(first).all(axis=1)
     unknowns = np.zeros((len(row), UNKNOWNS))
@@ -259,7 +257,7 @@ def _pressed(
         size = np.linalg.norm(bent.force_N, axis=1)
         return np.column_stack([(gap + give) / _TouchSettings.place_m, flat, side / np.maximum(size, 1e-12)])
 
-    x = _newton(residual, np.column_stack([start[:, 0], start[:, 1:] / scale[:, None]]), 1e-4)
+    x = _newton(residual, np.column_stack([start[:, 0], start[:, 1:] / scale[:, None]]))
     unknowns = unknowns_of(x)
     bent = _bent(arrays, joints_rad, unknowns)
     return unknowns, bent, _against(found, patch, bent, radius)[2]
@@ -457,7 +455,7 @@ class _Offered:
 
 def _offered(contacts: ContactTable, arrays: RigArrays, made: np.ndarray, reach: _Reach) -> _Offered:
     """The touches that the estimator would locate, and their expected uncertainty."""
-    empty = reach.frames(arrays)
+    empty = _frames(arrays, reach.joints_rad)
     available = np.ones(len(reach)) * np.isfinite(contacts.moment_residual_Nm[made]).any()
     frames = noise_free_frames(empty, REFERENCE, reach.unknowns, available, point_per_px=True)
     there = linearised(frames, REFERENCE, reach.unknowns)
@@ -535,12 +533,6 @@ def _seen(solution: ShapeSolution, index: int, new: ShapeEquations) -> tuple[np.
     return half, whole - half.T @ half, new.force_N - old @ solution.lift
 
 
-def _own(index: int, count: int, total: int) -> np.ndarray:
-    """Indices of one touch's equations among those of `count`: its point's, and its tangent's or its other
-    coordinate's."""
-    return np.arange(index, total, count)
-
-
 def _of_surface(found: SurfaceFit, reach: _Reach, seen: _Offered) -> tuple[float, np.ndarray]:
     """Standard deviation of the surface, rms over all targets, at present and after each touch (A-optimality)."""
     solution = found.solution
@@ -564,8 +556,8 @@ def _of_surface(found: SurfaceFit, reach: _Reach, seen: _Offered) -> tuple[float
         with_targets[index] += covariance(rows[index], new.rows, solution.priors[index])
         cross = np.concatenate(with_targets)
         for place, row in enumerate(m.tolist()):
-            own = _own(place, len(m), len(new))
-            lower = np.linalg.cholesky(left[np.ix_(own, own)])
+            own = slice(place, None, len(m))  # its point's, and its tangent's or its other coordinate's
+            lower = np.linalg.cholesky(left[own, own])
             explained = float(np.sum(solve_triangular(lower, cross[:, own].T, lower=True) ** 2))
             after[row] = np.sqrt(max(whole - explained, 0.0) / count)
     return float(np.sqrt(whole / count)), after
@@ -590,9 +582,9 @@ def _of_stiffness(found: SurfaceFit, reach: _Reach, seen: _Offered) -> tuple[flo
         new = _equations(found, index, reach, seen, m)
         _, left, compliance_N = _seen(found.solution, index, new)
         for place, row in enumerate(m.tolist()):
-            own = _own(place, len(m), len(new))
+            own = slice(place, None, len(m))  # its point's, and its tangent's or its other coordinate's
             pulled = compliance_N[own]
-            explained = pulled @ np.linalg.solve(left[np.ix_(own, own)], pulled)
+            explained = pulled @ np.linalg.solve(left[own, own], pulled)
             after[row] = 1.0 / np.sqrt(information + explained)
     return float(np.sqrt(1.0 / information)) if information else float("inf"), after
 
@@ -614,14 +606,14 @@ def _of_friction(
     across, along = _slip(arrays, reach, end)
     lateral = _lateral(reach)
     size2 = np.sum(reach.force_N**2, axis=1)
-    own = np.einsum("ni,nij,nj->n", lateral, seen.force_N2, lateral) / size2
+    own = variance_along(seen.force_N2, lateral) / size2
     common = np.sum(np.einsum("ni,nis->ns", lateral, seen.shared.force_N) ** 2, axis=1) / size2
     turned = np.full(len(reach), np.nan)
     for index, one in enumerate(found.patches):
         m = reach.patch == index
         if m.any():
             nearest = one.members[KDTree(found.touches.point_m[one.members]).query(reach.point_m[m])[1]]
-            turned[m] = np.einsum("ni,nij,nj->n", lateral[m], found.normals.covariance[nearest], lateral[m])
+            turned[m] = variance_along(found.normals.covariance[nearest], lateral[m])
     alone = np.maximum(1.0 / seen.angle_std_rad**2 - 1.0 / seen.friction_rad**2, 0.0)
     by_force = (across / (1.0 + (mu * across) ** 2)) ** 2 / (
         (own / _TouchSettings.frames_a_step + turned) / np.maximum(steps, 1) + common

@@ -12,8 +12,9 @@ from scipy.spatial.distance import cdist
 from estimator.object.surface.settings import SurfaceSettings
 from estimator.table.contacts import ContactTable
 from vbaa_calib.core.robust import NORMAL_QUARTILE
+from vbaa_calib.geometry.covariance import variance_along
 
-from .fit import SurfaceFit, begin, deviations_along, fit, with_common_errors
+from .fit import SurfaceFit, begin, fit, with_common_errors
 from .patches import across_curve, bridged_gap
 from .touches import Touches, touches_of
 
@@ -303,7 +304,7 @@ def _line(fit: SurfaceFit, index: int, touched_m: np.ndarray, members: np.ndarra
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     local = normals @ patch.frame.T
     sides = local[:, 1:], across_curve(local, 1e-9)[1]
-    std, std_across = (deviations_along(side, covariance) for side in sides)
+    std, std_across = (np.sqrt(np.maximum(variance_along(covariance, side), 0.0)) for side in sides)
     # to second order: beside where it was touched, the object bends away from under the line
     std = np.hypot(std, np.sqrt(0.75) * SurfaceSettings.unseen_bend_per_m * std_across**2)
     if len(fit.patches) > len(places) == 1 and max(std[0], std_across[0]) > SurfaceSettings.lone_drawn_m:

@@ -14,7 +14,7 @@ from estimator.object.surface.patches import LocalTouches, Patch, curve, facing,
 from estimator.object.surface.settings import SurfaceSettings
 from estimator.object.surface.solution import ShapeSolution, SmoothnessPrior, learn_prior, solve
 from estimator.object.surface.touches import Touches
-from vbaa_calib.geometry.covariance import largest_std
+from vbaa_calib.geometry.covariance import largest_std, variance_along
 
 _Turned = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Normals (N, 3) of a patch's touches in its frame, (N, 3, 2) how slopes turn them, own covariance (N, 3, 3)."""
@@ -72,7 +72,7 @@ class SurfaceFit:
         if patch.wide:
             return self.heights(index, local_m[:, :2])[2]
         side = (normal @ patch.frame.T)[:, 1:]
-        return deviations_along(side, self.along_curve(index, local_m[:, 0])[1])
+        return np.sqrt(np.maximum(variance_along(self.along_curve(index, local_m[:, 0])[1], side), 0.0))
 
     def along_curve(self, index: int, over_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Points (V, 3) of a curve over places (V,), world, and covariances (V, 2, 2) across it in its frame."""
@@ -83,16 +83,11 @@ class SurfaceFit:
         return points, covariance
 
 
-def deviations_along(side: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Standard deviations (N,), along directions (N, D), of vectors with covariances (N, D, D)."""
-    return np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", side, covariance, side), 0.0))
-
-
 def begin(touches: Touches, antenna_radius_m: np.ndarray | float) -> tuple[tuple[Patch, ...], _FitState]:
     """The patches, and the initial state: slopes from the forces' directions, a rigid object, no outliers."""
     count, normal = len(touches), facing(touches.force_N, touches.tangent, touches.point_m)
     points = touches.point_m - np.broadcast_to(antenna_radius_m, count)[:, None] * normal
-    across = np.einsum("pi,pij,pj->p", normal, touches.own_m2, normal)
+    across = variance_along(touches.own_m2, normal)
     along = np.sqrt(np.maximum(np.trace(touches.own_m2, axis1=1, axis2=2) - across, 0.0))
     # so uncertain in place that the shape between there and here is anyone's guess
     vague = along > max(SurfaceSettings.vague_factor * float(np.median(along)), SurfaceSettings.vague_m)

@@ -13,7 +13,8 @@ from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial.distance import cdist
 
 from estimator.object.surface.settings import SurfaceSettings
-from estimator.object.surface.solution import Functionals, ShapeEquations, concatenate, values_at
+from estimator.object.surface.solution import Functionals, ShapeEquations, values_at
+from vbaa_calib.geometry.covariance import variance_along
 
 
 def facing(force_N: np.ndarray, tangent: np.ndarray, points_m: np.ndarray) -> np.ndarray:
@@ -80,11 +81,11 @@ class Patch:
     def slope_rows(self, x: np.ndarray) -> Functionals:
         """Functionals of the slopes at places (N, D): ∂h/∂u of all, then ∂h/∂v; for a curve dv/du, then dh/du."""
         sides = np.eye(2)[:, None] if self.wide else np.eye(2)[:, :, None]
-        return concatenate(*(_slopes_at(x, side) for side in sides))
+        return Functionals.joined([_slopes_at(x, side) for side in sides])
 
     def value_rows(self, x: np.ndarray) -> Functionals:
         """Functionals of the shape's values at places: heights over (N, 2), or v and then h of a curve over (N, 1)."""
-        return concatenate(*(values_at(x, side) for side in (np.ones((1, 1)) if self.wide else np.eye(2))))
+        return Functionals.joined([values_at(x, side) for side in (np.ones((1, 1)) if self.wide else np.eye(2))])
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +129,7 @@ def height_field(seen: LocalTouches) -> ShapeEquations:
         [SurfaceSettings.least_std_m, SurfaceSettings.least_std_rad],
     )
     return ShapeEquations(
-        rows=concatenate(values_at(points, np.ones(1)), slopes),
+        rows=Functionals.joined([values_at(points, np.ones(1)), slopes]),
         y=np.concatenate([seen.point_m[:, 2] + off, tangent[:, 2]]),
         noise=noise + np.diag(np.concatenate(scales)),
         modes=np.concatenate([_project(up, seen.modes_m), _project(turn, seen.modes_m[directed]) + tangents_own]),
@@ -150,7 +151,7 @@ def curve(seen: LocalTouches) -> ShapeEquations:
     sides = [np.column_stack([-np.sum(each * seen.slope, axis=1), each]) for each in (outward, scales)]
     along = _project(sides[1], seen.modes_m)
     tangent = np.where(np.isfinite(seen.tangent), seen.tangent, 0.0)
-    off = 0.5 * SurfaceSettings.unseen_bend_per_m * np.einsum("ni,nij,nj->n", tangent, seen.own_m2, tangent)
+    off = 0.5 * SurfaceSettings.unseen_bend_per_m * variance_along(seen.own_m2, tangent)
     off = np.minimum(off, SurfaceSettings.most_off_m)
     angle, over = np.arctan2(outward[:, 0], outward[:, 1]), seen.point_m[:, :1]
     line = np.column_stack([np.ones(count), over])
@@ -159,7 +160,7 @@ def curve(seen: LocalTouches) -> ShapeEquations:
     noises = [_noise([side], [np.arange(count)], seen.own_m2, [SurfaceSettings.least_std_m]) for side in sides]
     across = noises[0] + np.outer(off, off) + np.diag(2.0 * off**2)
     return ShapeEquations(
-        rows=concatenate(values_at(over, outward), values_at(over, scales)),
+        rows=Functionals.joined([values_at(over, outward), values_at(over, scales)]),
         y=np.concatenate([np.sum(each * seen.point_m[:, 1:], axis=1) for each in (outward, scales)]),
         noise=block_diag(across, noises[1] + along @ along.T) + np.outer(rolled, rolled),
         modes=np.concatenate([_project(sides[0], seen.modes_m), np.zeros(along.shape)]),

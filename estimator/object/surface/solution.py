@@ -61,11 +61,6 @@ def values_at(x: np.ndarray, value: np.ndarray) -> Functionals:
     return Functionals(np.ascontiguousarray(x), value, np.zeros((*value.shape, x.shape[1])))
 
 
-def concatenate(*parts: Functionals) -> Functionals:
-    """Concatenation of functionals."""
-    return Functionals(*(np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])))
-
-
 def covariance(a: Functionals, b: Functionals, prior: SmoothnessPrior) -> np.ndarray:
     """(N, M) prior covariance of functionals."""
     return np.asarray(core.surface.covariance(a, b, prior, False)[0])
@@ -81,7 +76,7 @@ def variance(rows: Functionals, prior: SmoothnessPrior, others: Functionals | No
 
 
 @dataclass(frozen=True, eq=False)
-class ShapeEquations:
+class ShapeEquations(Rows):
     """M linear equations: the first N, or twice N for a curve, are those of points, the others of tangents."""
 
     rows: Functionals  # what they see of the shape
@@ -90,9 +85,6 @@ class ShapeEquations:
     modes: np.ndarray  # (M, S) effect of the common ones
     force_N: np.ndarray  # (M,) of the compliance
     slack: np.ndarray  # (M,) of 1 rad of the tangent
-
-    def __len__(self) -> int:
-        return len(self.y)
 
     def own(self, prior: SmoothnessPrior) -> np.ndarray:
         """(M, M) covariance of the equations without the shared errors."""

@@ -31,7 +31,7 @@ from estimator.object.track.onset import (
 from estimator.table.contacts import LOCATED, ContactTable
 from vbaa_calib.core.robust import NORMAL_QUARTILE
 from vbaa_calib.geometry import Kinematics
-from vbaa_calib.geometry.covariance import largest_std
+from vbaa_calib.geometry.covariance import largest_std, variance_along
 from vbaa_calib.rig import Rig
 
 
@@ -226,12 +226,6 @@ def _by_force(growth: _Growth, at: np.ndarray) -> np.ndarray:
     return -0.5 * (cost + np.linalg.slogdet(covariance)[1] + flat)
 
 
-def _contact_events(table: ContactTable, state: np.ndarray, changes: Sequence[ContactChange]) -> tuple[Event, ...]:
-    """First contacts and losses, with times from the growth of the deflection."""
-    decisive = np.flatnonzero((state >= 0) & np.isfinite(table.evidence))
-    return tuple(_change(table, state, change, decisive) for change in changes)
-
-
 def _slip_events(table: ContactTable, phase: np.ndarray, strokes: Sequence[np.ndarray]) -> tuple[Event, ...]:
     """Transitions between sticking and sliding. strokes : rows of the table."""
     found = []
@@ -256,6 +250,7 @@ def _slip_events(table: ContactTable, phase: np.ndarray, strokes: Sequence[np.nd
 
 
 def _change(table: ContactTable, state: np.ndarray, change: ContactChange, decisive: np.ndarray) -> Event:
+    """A first contact or a loss, timed by the growth of the deflection. decisive : (T,) informative frames."""
     kind, what = ("first_contact", "first contact") if change.begins else ("loss", "contact is lost")
     frame, decided = int(table.frame[change.row]), float(table.time_s[change.row])
     time = std = np.nan
@@ -355,7 +350,9 @@ def follow(
         velocity[rows], covariance[rows], parts[rows] = moving.velocity_m_s, moving.covariance_m2_s2, moving.parts_m_s
         std[rows] = largest_std(moving.parts_m2_s2)
         phase[rows] = _phases(moving, radius)
-    happened = list(_contact_events(table, state, changes)) if events else []
+    # in which there is evidence
+    decisive = np.flatnonzero((state >= 0) & np.isfinite(table.evidence))
+    happened = [_change(table, state, change, decisive) for change in changes] if events else []
     for change, event in zip(changes, happened, strict=events):
         if np.isfinite(event.time_s):  # frames between a change and its detection belong to what follows
             late = change.known_before[table.time_s[change.known_before] > event.time_s]
@@ -404,7 +401,7 @@ def _phases(slip: _Slip, antenna_radius_m: float) -> np.ndarray:
     # its deviation: along the slip where that is clear, else the larger of all directions
     widest = largest_std(slip.parts_m2_s2)
     toward = slip.velocity_m_s / np.maximum(speed, 1e-12)[:, None]
-    own = np.sqrt(np.maximum(np.einsum("pi,pij,pj->p", toward, slip.covariance_m2_s2, toward), 0.0))
+    own = np.sqrt(np.maximum(variance_along(slip.covariance_m2_s2, toward), 0.0))
     carried = np.where(np.isfinite(slip.carried_m_s), slip.carried_m_s, slip.contact_m_s)
     nothing = TrackSettings.no_slip_share * carried + antenna_radius_m * slip.turning_rad_s
     with np.errstate(invalid="ignore"):
@@ -524,7 +521,7 @@ def _slip(
     contact -= upward * np.einsum("pi,pi->p", contact, upward)[:, None]
     speed = np.linalg.norm(contact, axis=1)
     toward = contact / np.maximum(speed, 1e-12)[:, None]
-    contact_variance = np.einsum("pi,pij,pj->p", toward, _sloped(kernel.power(2), own), toward)
+    contact_variance = variance_along(_sloped(kernel.power(2), own), toward)
     pan, tilt, run = table.pan_rad[rows], table.tilt_rad[rows], table.point_antenna_m[rows]
     carried = np.full(len(rows), np.nan)
     if np.isfinite(pan).all() and np.isfinite(tilt).all() and np.isfinite(run).all():
@@ -584,7 +581,7 @@ def _tilted_axes(
     """The axes rotated about the tangent: where a material point appears to leave the plane of contact, that plane
     is corrected, within what friction allows and in proportion to the certainty of the slip's direction."""
     sideways, away = (np.einsum("pi,pi->p", axis, moved) for axis in (across, upward))
-    noise = np.einsum("pi,pij,pj->p", upward, covariance, upward)
+    noise = variance_along(covariance, upward)
     with np.errstate(divide="ignore", invalid="ignore"):
         inclination = np.arctan(away / sideways)
         variance = noise / (sideways**2 + away**2) + 0.05**2

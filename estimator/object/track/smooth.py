@@ -17,6 +17,7 @@ from scipy.special import logsumexp
 from estimator.contact.common_errors import CommonErrors, shared_errors
 from estimator.object.track.onset import TrackSettings
 from estimator.table.contacts import ContactTable, joint_angles
+from vbaa_calib.geometry.covariance import variance_along
 from vbaa_calib.rig import Rig
 
 from .follow import follow, runs
@@ -163,7 +164,7 @@ def _smooth_piece(
 
     # the distance's own noise is that of the contact point along the antenna
     tangent, total = table.tangent_world[rows], table.distance_std_m[rows] ** 2
-    along = np.einsum("bi,bij,bj->b", tangent, own_m2, tangent)
+    along = variance_along(own_m2, tangent)
     smooth_number("distance_m", np.minimum(np.where(np.isfinite(along), along, total), total))
     # of the force y and z, antenna frame; x follows in the proportion that it had
     force = np.einsum("bji,bj->bi", rotation, table.force_world_N[rows])
