@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vbaa_calib.cli.joints import add_antenna
+from vbaa_calib.cli.options import add_antenna, usable_rig
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError, about
 from vbaa_calib.core.files import refuse_overwrite, write_json
@@ -40,7 +40,6 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Print where to touch next, and how much that would reduce the uncertainty."""
     from estimator.object.next_touch import JointLimits, next_touch
     from estimator.table.files import read_contacts
-    from vbaa_calib.cli.usable_rig import usable_rig
 
     if args.output is not None:
         refuse_overwrite(args.output, args.force, (args.contacts, args.rig))

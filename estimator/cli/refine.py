@@ -8,9 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vbaa_calib.cli.joints import add_antenna
-from vbaa_calib.cli.usable_rig import configure as add_accept_rig
-from vbaa_calib.cli.usable_rig import usable_rig
+from vbaa_calib.cli.options import add_accept_rig, add_antenna, usable_rig
 from vbaa_calib.core.console import progress, say
 from vbaa_calib.core.errors import InputError, about
 from vbaa_calib.core.files import refuse_outputs, sha256, write_json

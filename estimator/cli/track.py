@@ -7,7 +7,7 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vbaa_calib.cli.joints import add_antenna
+from vbaa_calib.cli.options import add_antenna, usable_rig
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import refuse_outputs, write_text
@@ -44,7 +44,6 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     from estimator.contact.common_errors import shared_errors
     from estimator.object.track import follow, smooth
     from estimator.table.files import check_format, read_contacts, write_contacts
-    from vbaa_calib.cli.usable_rig import usable_rig
 
     outputs = [args.output] if args.smooth is None else [args.output, args.smooth]
     refuse_outputs(outputs, args.force, (args.contacts, args.rig))

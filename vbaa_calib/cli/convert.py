@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vbaa_calib.cli.lens_file import add_lens_file, wanted_of
+from vbaa_calib.cli.options import add_lens_file, wanted_of
 from vbaa_calib.core.console import say
 from vbaa_calib.core.files import refuse_overwrite, write_text
 

@@ -9,8 +9,7 @@ from typing import Any
 from vbaa_calib.core.console import say
 from vbaa_calib.core.files import refuse_overwrite
 
-from .usable_rig import configure as add_accept
-from .usable_rig import usable_rig
+from .options import add_accept_rig, usable_rig
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -27,7 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--segments", type=int, default=40, metavar="N", help="parts of the antenna, 3 to 200 (default: 40)"
     )
-    add_accept(parser)
+    add_accept_rig(parser)
     parser.set_defaults(run=_run)
 
 

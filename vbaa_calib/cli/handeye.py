@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vbaa_calib.cli.lens_file import add_lens_file, wanted_of
+from vbaa_calib.cli.options import add_lens_file, wanted_of, usable_rig
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError, about
 from vbaa_calib.core.files import refuse_overwrite, sha256, write_json
@@ -64,7 +64,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Solve from corners or from poses and write handeye.json; the exit code is 1 where the lens must not be used."""
     from vbaa_calib.calibrate.pose.robot_tables import read_robot_poses
-    from vbaa_calib.cli.usable_rig import usable_rig
     from vbaa_calib.core.csv_rows import header_of
 
     table = args.views.suffix.lower() in _TABLES

@@ -221,7 +221,7 @@ OF_LENS_FILE = (
     Question("rectified", "lens", "Were your pictures rectified with its projection matrix?", kind="yesno"),
     Question("fisheye", "lens", "Are its four coefficients a fisheye's k1 to k4?", kind="yesno"),
 )
-"""What `vbaa_calib.cli.lens_file` has flags for."""
+"""What `vbaa_calib.cli.options` has flags for."""
 SOURCES = (
     *(Question(f"{step}_source", step, "Where are its pictures, if not in source?", kind="text") for step in PICTURES),
     Question(

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vbaa_calib.cli.usable_rig import usable_rig
+from vbaa_calib.cli.options import usable_rig
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import Disconnected, InputError, clipped, require_extra
 from vbaa_calib.core.files import read_json, require_file

@@ -7,8 +7,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vbaa_calib.cli.joints import add_joints, pan_tilt_rad
-from vbaa_calib.cli.usable_rig import usable_rig
+from vbaa_calib.cli.options import add_joints, pan_tilt_rad, usable_rig
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json, refuse_outputs, write_json, write_text

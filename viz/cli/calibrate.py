@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vbaa_calib.cli.lens_file import add_lens_file, wanted_of
+from vbaa_calib.cli.options import add_lens_file, wanted_of
 from vbaa_calib.core.console import say
 from vbaa_calib.core.csv_rows import csv_text, read_csv
 from vbaa_calib.core.errors import InputError, VbaaError

@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from vbaa_calib.cli.joints import add_joints, joints_rad
+from vbaa_calib.cli.options import add_joints, joints_rad
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import write_json, write_text

@@ -15,8 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from vbaa_calib.cli.usable_rig import configure as add_accept_rig
-from vbaa_calib.cli.usable_rig import usable_rig
+from vbaa_calib.cli.options import add_accept_rig, usable_rig
 from vbaa_calib.core.console import progress, say
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import refuse_overwrite

@@ -7,8 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from vbaa_calib.cli.joints import add_joints, pan_tilt_rad
-from vbaa_calib.cli.usable_rig import usable_rig
+from vbaa_calib.cli.options import add_joints, pan_tilt_rad, usable_rig
 from vbaa_calib.core.console import say
 from vbaa_calib.core.files import replacing
 from viz.files.outputs import refuse_output

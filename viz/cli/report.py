@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from vbaa_calib.cli.joints import add_antenna
+from vbaa_calib.cli.options import add_antenna
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
 from viz.files.outputs import PAGES, refuse_output, report_path

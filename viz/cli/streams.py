@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vbaa_calib.cli.joints import add_joints, pan_tilt_rad
+from vbaa_calib.cli.options import add_joints, pan_tilt_rad
 from vbaa_calib.core.errors import InputError
 
 if TYPE_CHECKING:

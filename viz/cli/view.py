@@ -9,8 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vbaa_calib.cli.joints import add_antenna
-from vbaa_calib.cli.usable_rig import usable_rig
+from vbaa_calib.cli.options import add_antenna, usable_rig
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json

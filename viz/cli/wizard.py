@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vbaa_calib.cli.lens_file import add_lens_file
+from vbaa_calib.cli.options import add_lens_file
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError, VbaaError
 from vbaa_calib.core.files import read_json, read_yaml, write_json
