@@ -22,20 +22,24 @@ class Change(NamedTuple):
     std : standard deviation of each parameter beforehand, in its own unit, or relative to its value for "f" (both focal
     lengths) and the sensor's gain, and in standard deviations of the sensor's noise for its zero. "length_m": of the
     antenna, which only its visible end shows well.
-    factor, unit : of the value in words. least : size, in that unit, below which it is no mistake.
+    unit : of the value in words. least : size, in that unit, below which it is no mistake.
     """
 
     name: str
     std: Mapping[str, float]
     words: str
     remedy: str
-    factor: float = 1.0
     unit: str = ""
     least: float = 0.0
     severity: Severity = "wrong"
     log_prior: float = 0.0  # against the other rows
     measures: int = 9  # how many of the parameters, the first ones, are its size
     starts: tuple[float, ...] = ()  # scales of the picture from which it is sought, too
+
+    @property
+    def factor(self) -> float:
+        """How many of `unit` are one of the parameters' own."""
+        return {"°": 57.29578, "mm": 1e3, "%": 100.0}.get(self.unit, 1.0)
 
 
 _AGAIN = "calibrate again, or record again with the rig as it was calibrated"
@@ -46,7 +50,6 @@ CHANGES = (
         "the picture has moved by {} since the calibration, as by a camera "
         "that was knocked or a picture that was cropped",
         _AGAIN,
-        1.0,
         "px",
         1.0,
         log_prior=6.0,
@@ -56,7 +59,6 @@ CHANGES = (
         dict.fromkeys(("camera_about_x_rad", "camera_about_y_rad", "camera_about_z_rad"), 0.02),
         "the camera has turned by {} since the calibration",
         _AGAIN,
-        57.29578,
         "°",
         0.05,
         log_prior=6.0,
@@ -66,7 +68,6 @@ CHANGES = (
         dict.fromkeys(("camera_x_m", "camera_y_m", "camera_z_m"), 5e-3),
         "the camera has moved by {} since the calibration",
         _AGAIN,
-        1e3,
         "mm",
         0.3,
     ),
@@ -75,7 +76,6 @@ CHANGES = (
         {"f": 0.02},
         "the focal length has changed by {} since the calibration",
         "focus as for the calibration and fix the ring, or calibrate again",
-        100.0,
         "%",
         0.1,
     ),
@@ -84,7 +84,6 @@ CHANGES = (
         {"f": 0.2, "cx": 50.0, "cy": 50.0},
         "the pictures are scaled or cropped: their focal length differs by {}",
         "record the pictures in the size and the part of the sensor of the calibration",
-        100.0,
         "%",
         1.0,
         measures=1,
@@ -101,7 +100,6 @@ CHANGES = (
         },
         "camera and antenna are not as calibrated, the camera turned by {}: the rig.json is that of another rig",
         "use the rig.json of this rig, or calibrate it",
-        57.29578,
         "°",
         0.3,
         measures=3,
@@ -111,7 +109,6 @@ CHANGES = (
         {"bow_about_y_per_m": 0.3, "bow_about_z_per_m": 0.3},
         "the antenna has been bent by {} since the calibration",
         "straighten or replace the wire and calibrate again",
-        1.0,
         "per m",
         0.03,
     ),
@@ -123,7 +120,6 @@ CHANGES = (
         },
         "the antenna has a bend or a kink since the calibration, about {} in the middle",
         "straighten or replace the wire and calibrate again",
-        1.0,
         "per m",
         0.03,
         log_prior=-3.0,
@@ -134,7 +130,6 @@ CHANGES = (
         {"clamp_about_y_rad": 0.03, "clamp_about_z_rad": 0.03},
         "the clamp has turned by {} since the calibration",
         f"tighten the clamp; {_AGAIN}",
-        57.29578,
         "°",
         0.1,
         log_prior=-3.0,
@@ -144,7 +139,6 @@ CHANGES = (
         {"clamp_y_m": 3e-3, "clamp_z_m": 3e-3},
         "the clamp has moved by {} since the calibration",
         f"tighten the clamp; {_AGAIN}",
-        1e3,
         "mm",
         0.2,
         log_prior=-3.0,
@@ -154,7 +148,6 @@ CHANGES = (
         {"length_m": 2e-3},
         "the antenna sticks {} further out of its clamp than at the calibration: it has slid",
         f"push it back and tighten the clamp; {_AGAIN}",
-        1e3,
         "mm",
         0.3,
         log_prior=2.0,
@@ -164,7 +157,6 @@ CHANGES = (
         {"length_m": 0.02},
         "the antenna is {} longer than the rig's: it is another one, or has slid in its clamp",
         "calibrate with this antenna",
-        1e3,
         "mm",
         1.0,
     ),
@@ -173,7 +165,6 @@ CHANGES = (
         {"log_stiffness_Nm2": 0.1},
         "the antenna's EI differs by {} from the rig's: it is another antenna, or a thinner one",
         "calibrate with this antenna",
-        100.0,
         "%",
         1.0,
         log_prior=2.0,
@@ -183,7 +174,6 @@ CHANGES = (
         {"log_stiffness_Nm2": 0.4, "log_mass_per_length_kg_m": 0.2},
         "the antenna's EI and mass differ by {} from the rig's: it has another diameter",
         "calibrate with this antenna",
-        100.0,
         "%",
         4.0,
     ),
@@ -192,7 +182,6 @@ CHANGES = (
         {"moment_gain": 0.3},
         "the moment sensor's gain differs by {} from the rig's",
         "check its amplifier and the unit of moment_Nm",
-        100.0,
         "%",
         2.0,
         log_prior=0.5,  # a stiff antenna that gravity hardly bends does not tell it from another EI
@@ -202,7 +191,6 @@ CHANGES = (
         {"moment_offset_Nm": 100.0},
         "the moment sensor's zero has moved by {} of its noise",
         "zero it again before a recording, or give --track-zero",
-        1.0,
         "standard deviations",
         5.0,
     ),

@@ -20,7 +20,7 @@ from .evidence import Case, Recorded
 from .settings import RecordingSettings
 
 
-class _ReadingMistake(NamedTuple):
+class _Misread(NamedTuple):
     """A row of the table of mistakes: readings or pictures that are not as reported.
 
     correct : of recorded frames, those with the mistake put right; None where it cannot have happened.
@@ -189,13 +189,13 @@ _UNITS = {
 }
 _ROWS = "shift the column by a row, and check how readings and pictures are matched"
 READINGS = (
-    _ReadingMistake(
+    _Misread(
         "moment_sign",
         "the moment readings have the wrong sign",
         "change the sign of moment_Nm (of a bag --moment-axis -y, or y), or exchange the sensor's leads",
         partial(_moments, np.negative),
     ),
-    _ReadingMistake(
+    _Misread(
         "moment_absolute",
         "the moment readings have lost their sign",
         "record moment_Nm with its sign",
@@ -203,7 +203,7 @@ READINGS = (
         -np.log(2.0),
     ),
     *(
-        _ReadingMistake(
+        _Misread(
             "moment_unit",
             f"the moment readings are {words}",
             f"multiply moment_Nm by {factor:.6g}: it is in N·m",
@@ -213,7 +213,7 @@ READINGS = (
         for factor, words in _UNITS.items()
     ),
     *(
-        _ReadingMistake(
+        _Misread(
             "moment_axis",
             f"the moment is read about {'+' if sign > 0 else '−'}z, not about y",
             "turn the sensor by 90° about the antenna, or give --moment-axis",
@@ -222,7 +222,7 @@ READINGS = (
         for sign in (1.0, -1.0)
     ),
     *(
-        _ReadingMistake(
+        _Misread(
             "moment_channels",
             f"{first} and {second} are exchanged" if first != second else f"{first} has the wrong sign",
             "put each channel into its column as in the calibration",
@@ -231,63 +231,48 @@ READINGS = (
         for (a, first), (b, second) in combinations_with_replacement(enumerate(SENSED.values()), 2)
         if first.endswith("_Nm") == second.endswith("_Nm") and (a, b) != (0, 0)
     ),
-    _ReadingMistake(
-        "moment_late",
-        "each moment belongs to the picture of the row before",
-        _ROWS,
-        partial(_a_row_off, slice(-2), 1.0),
+    *(
+        _Misread(name, words, remedy, partial(_joints, turn))
+        for name, words, remedy, turn in (
+            ("tilt_sign", "the tilt has the wrong sign", "change the sign of tilt_rad", np.diag([1.0, -1.0])),
+            (
+                "joints_exchanged",
+                "pan and tilt are exchanged",
+                "exchange the columns pan_rad and tilt_rad",
+                np.eye(2)[::-1],
+            ),
+            (
+                "joints_degrees",
+                "the joint angles are in degrees",
+                "give radians in pan_rad and tilt_rad",
+                np.pi / 180 * np.eye(2),
+            ),
+            (
+                "joints_degrees",
+                "the joint angles were turned into radians twice",
+                "give radians in pan_rad and tilt_rad",
+                180 / np.pi * np.eye(2),
+            ),
+        )
     ),
-    _ReadingMistake(
-        "moment_late",
-        "each moment belongs to the picture of the row after",
-        _ROWS,
-        partial(_a_row_off, slice(-2), -1.0),
-    ),
-    _ReadingMistake(
-        "tilt_sign",
-        "the tilt has the wrong sign",
-        "change the sign of tilt_rad",
-        partial(_joints, np.diag([1.0, -1.0])),
-    ),
-    _ReadingMistake(
-        "joints_exchanged",
-        "pan and tilt are exchanged",
-        "exchange the columns pan_rad and tilt_rad",
-        partial(_joints, np.array([[0.0, 1.0], [1.0, 0.0]])),
-    ),
-    _ReadingMistake(
-        "joints_degrees",
-        "the joint angles are in degrees",
-        "give radians in pan_rad and tilt_rad",
-        partial(_joints, np.pi / 180 * np.eye(2)),
-    ),
-    _ReadingMistake(
-        "joints_degrees",
-        "the joint angles were turned into radians twice",
-        "give radians in pan_rad and tilt_rad",
-        partial(_joints, 180 / np.pi * np.eye(2)),
-    ),
-    _ReadingMistake(
+    _Misread(
         "joints_frozen",
         "the joint readings stand still while the antenna moves",
         "connect the encoders, and record again",
         _frozen,
         -1.0,
     ),
-    _ReadingMistake(
-        "joints_late",
-        "the joint angles belong to the picture of the row before",
-        _ROWS,
-        partial(_a_row_off, slice(-2, None), 1.0),
-    ),
-    _ReadingMistake(
-        "joints_late",
-        "the joint angles belong to the picture of the row after",
-        _ROWS,
-        partial(_a_row_off, slice(-2, None), -1.0),
+    *(
+        _Misread(name, f"{what} of the row {where}", _ROWS, partial(_a_row_off, which, rows))
+        for name, what, which, sign in (
+            ("moment_late", "each moment belongs to the picture", slice(-2), 1.0),
+            ("joints_late", "the joint angles belong to the picture", slice(-2, None), 1.0),
+            ("pictures_late", "each picture belongs to the readings", slice(None), -1.0),
+        )
+        for where, rows in (("before", sign), ("after", -sign))
     ),
     *(
-        _ReadingMistake(
+        _Misread(
             "joint_offset",
             "the tilt is off by a degree",
             "set the encoders' zeros, and calibrate again",
@@ -295,43 +280,23 @@ READINGS = (
         )
         for angle_rad in (-RecordingSettings.joint_step_rad, RecordingSettings.joint_step_rad)
     ),
-    _ReadingMistake(
-        "pictures_late",
-        "each picture belongs to the readings of the row before",
-        _ROWS,
-        partial(_a_row_off, slice(None), -1.0),
+    *(
+        _Misread(
+            name, f"the pictures are {words}", "record the pictures as the camera takes them", partial(_points, change)
+        )
+        for name, words, change in (
+            ("picture_mirrored", "mirrored left to right", lambda px, size: px * [-1.0, 1.0] + [size[0] - 1.0, 0.0]),
+            ("picture_mirrored", "mirrored top to bottom", lambda px, size: px * [1.0, -1.0] + [0.0, size[1] - 1.0]),
+            ("picture_turned", "turned by 180°", lambda px, size: size - 1.0 - px),
+        )
     ),
-    _ReadingMistake(
-        "pictures_late",
-        "each picture belongs to the readings of the row after",
-        _ROWS,
-        partial(_a_row_off, slice(None), 1.0),
-    ),
-    _ReadingMistake(
-        "picture_mirrored",
-        "the pictures are mirrored left to right",
-        "record the pictures as the camera takes them",
-        partial(_points, lambda pixels, size: pixels * [-1.0, 1.0] + [size[0] - 1.0, 0.0]),
-    ),
-    _ReadingMistake(
-        "picture_mirrored",
-        "the pictures are mirrored top to bottom",
-        "record the pictures as the camera takes them",
-        partial(_points, lambda pixels, size: pixels * [1.0, -1.0] + [0.0, size[1] - 1.0]),
-    ),
-    _ReadingMistake(
-        "picture_turned",
-        "the pictures are turned by 180°",
-        "record the pictures as the camera takes them",
-        partial(_points, lambda pixels, size: size - 1.0 - pixels),
-    ),
-    _ReadingMistake(
+    _Misread(
         "points_exchanged",
         "u and v are exchanged",
         "exchange the columns u_px and v_px",
-        partial(_points, lambda pixels, _: pixels[..., ::-1]),
+        partial(_points, lambda px, _: px[..., ::-1]),
     ),
-    _ReadingMistake(
+    _Misread(
         "picture_rectified",
         "the pictures' distortion was taken out already",
         "record the pictures as the camera takes them, or use a rig.json for rectified ones",
@@ -383,7 +348,7 @@ def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
         off = np.where(np.isfinite(variance), (moments - expected) ** 2 / variance, 0.0)
         return float(np.minimum(0.5 * off[there], RecordingSettings.most).sum())
 
-    reported, likely = cost(read), list[tuple[float, _ReadingMistake, Recorded]]()
+    reported, likely = cost(read), list[tuple[float, _Misread, Recorded]]()
     some = np.arange(0, len(read), RecordingSettings.thinned)
     few = None if case.usual else case.picked(some)
     if (drifting := _drifting(recorded, read - expected, np.hypot(std, own))) is not None:
@@ -402,7 +367,7 @@ def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
     yield from _compared(case, likely, known)
 
 
-def _drifting(recorded: Recorded, off: np.ndarray, std: np.ndarray) -> tuple[_ReadingMistake, Recorded] | None:
+def _drifting(recorded: Recorded, off: np.ndarray, std: np.ndarray) -> tuple[_Misread, Recorded] | None:
     """Hypothesis of a drifting zero of the moments, by the line through their differences (F,) from the pictures'
     predictions."""
     weights = np.where(np.isfinite(off) & np.isfinite(std), 1.0 / std, 0.0)
@@ -424,7 +389,7 @@ def _drifting(recorded: Recorded, off: np.ndarray, std: np.ndarray) -> tuple[_Re
     words = (
         f"the moment sensor's zero walks by {walk / noise:+.0f} standard deviations of its noise during the recording"
     )
-    row = _ReadingMistake("moment_drift", words, "let it warm up, or give --track-zero", lambda _: None)
+    row = _Misread("moment_drift", words, "let it warm up, or give --track-zero", lambda _: None)
     readings = recorded.batch.readings_Nm - np.pad((walk * share)[:, None], ((0, 0), (0, 5)))
     return row, recorded.with_readings(readings_Nm=readings)
 
@@ -516,7 +481,7 @@ def _least_cost(
 
 
 @lru_cache(maxsize=1)
-def _tried(case: Case) -> list[tuple[_ReadingMistake, float]]:
+def _tried(case: Case) -> list[tuple[_Misread, float]]:
     """Rows about joints and pictures that the least bent frames could distinguish, and the gains by each."""
     few, calm, found = case.picked(_least_bent(case)), case.sound and not case.changed, []
     for row in READINGS:
@@ -555,7 +520,7 @@ def _least_bent(case: Case) -> np.ndarray:
 
 
 def _compared(
-    case: Case, likely: list[tuple[float, _ReadingMistake, Recorded]], known: np.ndarray | None = None
+    case: Case, likely: list[tuple[float, _Misread, Recorded]], known: np.ndarray | None = None
 ) -> Iterator[Explanation[Case]]:
     """The likeliest of some rows, by all frames. known : (F,) mask of the frames in which a reading's density
     counts."""

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vbaa_calib.cli.options import add_lens_file, wanted_of, usable_rig
+from vbaa_calib.cli.options import add_lens_file, usable_rig, wanted_of
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError, about
 from vbaa_calib.core.files import refuse_overwrite, sha256, write_json
