@@ -434,10 +434,12 @@ class Budget:
         """The cause to improve first among those that a calibration determines; None where the rig counts as exact."""
         return max((cause for cause in self.variances if cause not in OWN), key=self.gain, default=None)
 
-    def leads(self, name: str) -> dict[str, int]:
-        """Number of contacts in which each cause contributes most to a result; causes without any are left out."""
+    @property
+    def leads(self) -> dict[str, int]:
+        """Number of contacts in which each cause contributes most to the distance's error; those without any are left
+        out."""
         causes = list(self.variances)
-        largest = np.argmax([per_result(rows)[name] for rows in self.variances.values()], axis=0)
+        largest = np.argmax([per_result(rows)["distance_m"] for rows in self.variances.values()], axis=0)
         count = np.bincount(largest, minlength=len(causes))
         return {causes[i]: int(count[i]) for i in np.argsort(-count, kind="stable") if count[i]}
 

@@ -41,9 +41,8 @@ def advice(budget: Budget) -> list[str]:
         if gain < 100 * BudgetSettings.worthwhile
         else f"Improve first: {name}. Half of it takes {gain:.0f} % off, on average. To do so, {remedy}."
     )
-    leads = budget.leads("distance_m")
-    if len(leads) > 1:
-        listed = ", ".join(f"{CAUSES[cause].name} in {count}" for cause, count in leads.items())
+    if len(budget.leads) > 1:
+        listed = ", ".join(f"{CAUSES[cause].name} in {count}" for cause, count in budget.leads.items())
         lines.append(f"The largest part of the distance's error is {listed} of {len(budget.touches)} contacts.")
     if of_rig is not None and of_rig != first:
         lines.append(

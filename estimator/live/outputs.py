@@ -142,9 +142,8 @@ class ContactBag:
     every frame and alarm as JSON text (std_msgs/String); in an MCAP file, of which a kill loses the last second, or
     a ROS bag, by the suffix."""
 
-    def __init__(self, path: Path, force: bool = False) -> None:
-        """Raises InputError for an existing file."""
-        refuse_overwrite(path, force)
+    def __init__(self, path: Path) -> None:
+        """The file is new: `refuse_bag` has seen to that."""
         self._path = path
         make_folder(path.parent)
         with disk_errors_named(path):

@@ -85,8 +85,8 @@ MATERIALS = {
 """By name, the commonest for whiskers first; session.yaml's `antenna.material` is one of these, or any other word."""
 
 
-def _materials_near(youngs_modulus_Pa: float, density_kg_m3: float | None = None) -> tuple[str, ...]:
-    """Names of the materials that can have this Young's modulus (and density, where it is known), the likeliest first.
+def _materials_near(youngs_modulus_Pa: float) -> tuple[str, ...]:
+    """Names of the materials that can have this Young's modulus, the likeliest first.
 
     Likelier is what has the usual value closer, as a part of the material's own range; empty where nothing fits.
     """
@@ -96,11 +96,7 @@ def _materials_near(youngs_modulus_Pa: float, density_kg_m3: float | None = None
         off = math.log(youngs_modulus_Pa / one.youngs_modulus_Pa)
         return off / (high if off > 0 else low)
 
-    fitting = [
-        one
-        for one in MATERIALS.values()
-        if one.has_modulus(youngs_modulus_Pa) and (density_kg_m3 is None or one.has_density(density_kg_m3))
-    ]
+    fitting = [one for one in MATERIALS.values() if one.has_modulus(youngs_modulus_Pa)]
     return tuple(one.name for one in sorted(fitting, key=distance))
 
 

@@ -15,11 +15,12 @@ def say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
-def _in_lines(items: Iterable[_Item], what: str, total: int | None, every_s: float = 10.0) -> Iterator[_Item]:
+def _in_lines(items: Iterable[_Item], what: str, total: int | None) -> Iterator[_Item]:
+    """The same items, with a line on stderr every ten seconds."""
     total = len(items) if total is None and isinstance(items, Sized) else total
     begun_s = printed_s = time.monotonic()
     for number, item in enumerate(items):
-        if (now_s := time.monotonic()) - printed_s >= every_s:
+        if (now_s := time.monotonic()) - printed_s >= 10.0:
             say(f"{what}: {number}{f' of {total}' if total else ''}, {now_s - begun_s:.0f} s")
             printed_s = now_s
         yield item

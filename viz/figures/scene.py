@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from viz.figures.drawing import Plot, PlotMarks, pale, picture
 from viz.figures.settings import STYLE
-from viz.scene.layout import INK, LOOK, view_direction
+from viz.scene.layout import INK, LOOK, along, view_direction
 from viz.scene.readable import contact_scale, hexes, object_scale, on_ramp, round_down, thinned
 from viz.scene.rig_items import RigItems
 from viz.scene.scene import ObjectMesh, Scene
@@ -104,7 +104,8 @@ def _object(scene: Scene, mesh: ObjectMesh, project: Project, scale: float) -> P
     disc = 0.03 * scene.bounding_ball_m[1]
     loose = thinned(np.setdiff1d(np.arange(len(mesh.points_m)), mesh.triangles), STYLE.most_balls)
     flat = np.linalg.norm(mesh.normals[loose], axis=1) > 0.5
-    half_m = np.where(flat[:, None, None], disc * _across(mesh.normals[loose]), 0.4 * disc * np.eye(3)[:2])
+    half_m = np.tile(0.4 * disc * np.eye(3)[:2], (len(loose), 1, 1))
+    half_m[flat] = disc * np.swapaxes(along(mesh.normals[loose[flat]]), 1, 2)[:, 1:]
     at, depth = project(mesh.points_m[loose])
     shapes = np.concatenate([at[:, None], project(mesh.points_m[loose, None] + half_m)[0]], axis=1)
     for colour, place, near in zip(hexes(rgb[loose]), shapes, depth.tolist(), strict=True):
@@ -112,13 +113,6 @@ def _object(scene: Scene, mesh: ObjectMesh, project: Project, scale: float) -> P
     for ends in mesh.points_m[mesh.lines[: STYLE.most_faces]]:
         pieces += _wire(project, ends, plain, max(0.44 * disc * scale, 1.2))
     return pieces
-
-
-def _across(normal: np.ndarray) -> np.ndarray:
-    """(K, 2, 3) two unit vectors orthogonal to each of K normals."""
-    first = np.cross(normal, np.eye(3)[np.abs(normal).argmin(axis=1)])
-    both = np.stack([first, np.cross(normal, first)], axis=1)
-    return both / np.maximum(np.linalg.norm(both, axis=2, keepdims=True), 1e-30)
 
 
 def _wire(project: Project, points_m: np.ndarray, colour: str, width: float) -> Pieces:

@@ -32,12 +32,13 @@ def refuse_log(target: str, force: bool) -> None:
     refuse_overwrite(Path(target), force)
 
 
-def _open_viewer(port: int = 9876) -> str:
-    """The URL of a viewer on this machine: one that listens at the port, else a new one.
+def _open_viewer() -> str:
+    """The URL of a viewer on this machine: one that listens at Rerun's port, else a new one.
 
     Raises OSError if none can be opened.
     """
-    host, url = "127.0.0.1", f"rerun+http://127.0.0.1:{port}/proxy"
+    host, port = "127.0.0.1", 9876
+    url = f"rerun+http://{host}:{port}/proxy"
     with suppress(OSError), socket.create_connection((host, port), 1.0):
         return url
     # what the library itself opens listens at all addresses of the machine, and shows the pictures to all who ask
@@ -118,10 +119,7 @@ class RerunLog:
         # the ellipsoid of this size, in standard deviations, contains 95 % of a normal distribution in space
         half = 2.796 * np.sqrt(np.clip(sizes, 0.0, None))
         turned = axes * np.sign(np.linalg.det(axes))
-        self._log(
-            f"world/{name}/region_95",
-            self._rerun.Ellipsoids3D(half_sizes=half[None]),
-        )
+        self._log(f"world/{name}/region_95", self._rerun.Ellipsoids3D(half_sizes=half[None]))
         self._log(f"world/{name}/region_95", self._rerun.Transform3D(translation=row.point_world_m, mat3x3=turned))
 
     def close(self) -> None:

@@ -124,8 +124,9 @@ def _arrow() -> pv.PolyData:
     return _triangles(mesh.points, mesh.regular_faces, mesh.point_data["Normals"])
 
 
-def _cone(sides: int = 28) -> pv.PolyData:
+def _cone() -> pv.PolyData:
     """An open cone with a hem: its apex at the origin, its rim of radius 1 around (1, 0, 0)."""
+    sides = 28
     turn = np.linspace(0, 2 * np.pi, sides, endpoint=False)
     rim = np.column_stack([np.ones(sides), np.cos(turn), np.sin(turn)])
     normals = np.column_stack([-np.ones(sides), np.cos(turn), np.sin(turn)]) / np.sqrt(2)

@@ -42,7 +42,7 @@ SHEET = _ScreenshotSettings()
 def screenshot(scene: Scene, path: Path, *, mode: str = "force", force: bool = False) -> None:
     """Write a PNG: the whole rig on the left, a close-up of the contacts on the right, and a legend.
 
-    `mode` is what contacts are coloured by, one of `colours.MODES`. Raises InputError when the file exists and `force`
+    `mode` is what contacts are coloured by, one of `readable.MODES`. Raises InputError when the file exists and `force`
     is off, VbaaError where pictures cannot be drawn.
     """
     with replacing(path, force) as temporary:

@@ -54,7 +54,7 @@ class Stage:
         return actor
 
     def paint(self, mode: str) -> None:
-        """Colour the contacts by one of `colours.MODES`."""
+        """Colour the contacts by one of `readable.MODES`."""
         rgb = contact_scale(self.scene, mode).rgb
         for part, mesh in zip(self.parts, self._meshes, strict=True):
             if part.contact is not None:

@@ -18,7 +18,7 @@ from viz.figures.time import TimeAxis, curve, lanes, signals, with_framewise
 from viz.pages.page import Table, fixed, render, with_std
 from viz.report.words import frame_facts, headline
 from viz.scene.readable import thinned
-from viz.scene.scene import Fact
+from viz.scene.scene import Fact, lateral_force_N
 
 if TYPE_CHECKING:
     from estimator.object.estimate import ObjectEstimate
@@ -208,14 +208,9 @@ def _quantities(report: Report) -> list[tuple[str, np.ndarray, np.ndarray, np.nd
         value, std, common = (np.where(located, scale * one, np.nan) for one in columns)
         true = None if truth is None else scale * getattr(truth, name)
         found.append((f"{words}, {unit}", value, std, true, common))
-    y, z = table.force_y_N, table.force_z_N
-    size = np.where(located, np.hypot(y, z), np.nan)
-    y_part, z_part = np.abs(y) * table.force_y_std_N, np.abs(z) * table.force_z_std_N
-    # where their covariance is not known, it cannot be more than that
-    crossed = np.where(np.isfinite(table.force_covariance_yz_N2), y * z * table.force_covariance_yz_N2, y_part * z_part)
-    std = np.sqrt(np.clip(y_part**2 + z_part**2 + 2 * crossed, 0.0, None)) / np.where(size > 0, size, np.nan)
+    size, std = (np.where(located, scale * one, np.nan) for one in lateral_force_N(table))
     true = None if truth is None else scale * np.hypot(truth.force_y_N, truth.force_z_N)
-    return [*found, (f"force across the antenna, |f|, {unit}", scale * size, scale * std, true, None)]
+    return [*found, (f"force across the antenna, |f|, {unit}", size, std, true, None)]
 
 
 def _std(table: ContactTable, name: str) -> np.ndarray:

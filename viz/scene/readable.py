@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from vbaa_calib.core.arrays import spread_evenly
+
 if TYPE_CHECKING:
     from matplotlib.colors import LinearSegmentedColormap
 
@@ -28,9 +30,7 @@ _RAMPS = {
 
 def thinned(indices: np.ndarray, most: int) -> np.ndarray:
     """At most `most` of the indices (N,), evenly spaced, with the first and the last among them."""
-    if len(indices) <= most:
-        return indices
-    return indices[np.unique(np.linspace(0, len(indices) - 1, most).round().astype(int))]
+    return indices[spread_evenly(len(indices), most)]
 
 
 def enlargement(sizes: np.ndarray, visible: float) -> int:

@@ -10,6 +10,7 @@ import numpy as np
 
 from estimator.table.contacts import ContactTable
 from estimator.table.files import read_contacts
+from vbaa_calib.core.arrays import Rows
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
@@ -27,7 +28,7 @@ Stamps = tuple[np.ndarray, np.ndarray, str]
 
 
 @dataclass(frozen=True, eq=False)
-class Instants:
+class Instants(Rows):
     """M instants in the order of time.
 
     Attributes
@@ -43,9 +44,6 @@ class Instants:
     frame: np.ndarray
     main: int
     words: tuple[str, ...]
-
-    def __len__(self) -> int:
-        return len(self.row)
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +205,8 @@ def build_scene(
     row, time_s = np.flatnonzero(table.located), table.time_s - table.time_s[0]
     points, forces, covariances = table.point_world_m, table.force_world_N, table.covariance_world_m2
     phase = [""] * len(table) if estimate is None else list(map(str, estimate.track.phase))
-    words = tuple(_numbers(table, int(index), phase[index]) for index in row) if with_words else ()
+    std = lateral_force_N(table)[1]
+    words = tuple(_numbers(table, int(index), phase[index], std[index]) for index in row) if with_words else ()
     contacts = ShownContacts(points[row], forces[row], covariances[row], time_s[row], row, words)
     if estimate is None:
         return Scene(contacts, instants, items, mesh, truth)
@@ -239,7 +238,7 @@ def framewise(path: Path, refined: ContactTable) -> ContactTable:
 
 
 def _instants_of(table: ContactTable, phase: np.ndarray | None = None, most: int = 240) -> Instants:
-    """The instants of a recording. phase : (B,) a word per frame on its motion, as from `estimator.track`.
+    """The instants of a recording. phase : (B,) a word per frame on its motion, as in `Track`.
 
     Raises InputError when no frame has a located contact, or one is out of reach.
     """
@@ -249,7 +248,7 @@ def _instants_of(table: ContactTable, phase: np.ndarray | None = None, most: int
             "no frame has a located contact (status ok or tip_contact)", remedy="see the reason column of contacts.csv"
         )
     # tables of other makers may have points without forces
-    force = np.linalg.norm(table.force_world_N, axis=1)
+    force, std = np.linalg.norm(table.force_world_N, axis=1), lateral_force_N(table)[1]
     strongest = int(np.argmax(np.where(table.located, np.nan_to_num(force), -1.0)))
     rows = np.union1d(thinned(np.arange(len(table)), most), strongest)
     return Instants(
@@ -257,7 +256,9 @@ def _instants_of(table: ContactTable, phase: np.ndarray | None = None, most: int
         time_s=table.time_s[rows] - table.time_s[0],
         frame=table.frame[rows],
         main=int(np.searchsorted(rows, strongest)),
-        words=tuple(_words(table, int(row), "" if phase is None else str(phase[row]), force[row]) for row in rows),
+        words=tuple(
+            _words(table, int(row), "" if phase is None else str(phase[row]), (force[row], std[row])) for row in rows
+        ),
     )
 
 
@@ -270,8 +271,9 @@ def refuse_out_of_reach(table: ContactTable, where: object = None) -> None:
             raise InputError(what, where=where, remedy="estimate it again: no antenna reaches that far")
 
 
-def _words(table: ContactTable, row: int, phase: str, force: float) -> str:
-    """A contact in words, such as "sliding: 157.4 ± 0.2 mm from the clamp, 69.1 ± 0.4 mN"."""
+def _words(table: ContactTable, row: int, phase: str, force: tuple[float, float]) -> str:
+    """A contact in words, such as "sliding: 157.4 ± 0.2 mm from the clamp, 69.1 ± 0.4 mN". force : its size and
+    standard deviation, N."""
     status = str(table.status[row]).replace("_", " ")
     known = [phase] if phase not in ("", "unknown", "free") else []
     head = ", ".join(known if known and status == "ok" else [*known, "located" if status == "ok" else status])
@@ -282,22 +284,24 @@ def _words(table: ContactTable, row: int, phase: str, force: float) -> str:
     if np.isfinite(distance):
         spread = f" ± {1e3 * std:.2g}" if np.isfinite(std) else ""
         parts.append(f"{1e3 * distance:.1f}{spread} mm from the clamp")
-    if np.isfinite(force):
-        std = _size_std_N(table, row)
-        parts.append(f"{1e3 * force:.1f}{f' ± {1e3 * std:.2g}' if np.isfinite(std) else ''} mN")
+    size, std = force
+    if np.isfinite(size):
+        parts.append(f"{1e3 * size:.1f}{f' ± {1e3 * std:.2g}' if np.isfinite(std) else ''} mN")
     return f"{head}: {', '.join(parts)}" if parts else head
 
 
-def _size_std_N(table: ContactTable, row: int) -> float:
-    """Standard deviation of the force's magnitude across the antenna, with an unknown covariance of y and z as 0."""
-    across = np.array([table.force_y_N[row], table.force_z_N[row]])
-    std = np.array([table.force_y_std_N[row], table.force_z_std_N[row]])
-    way = across / max(float(np.linalg.norm(across)), 1e-15)
-    both = 2.0 * way[0] * way[1] * float(np.nan_to_num(table.force_covariance_yz_N2[row]))
-    return float(np.sqrt(max(float(way**2 @ std**2) + both, 0.0)))
+def lateral_force_N(table: ContactTable) -> tuple[np.ndarray, np.ndarray]:
+    """(B,) sizes of the forces across the antenna, and their standard deviations: the largest possible ones where the
+    covariance of y and z is not known."""
+    y, z = table.force_y_N, table.force_z_N
+    y_part, z_part = np.abs(y) * table.force_y_std_N, np.abs(z) * table.force_z_std_N
+    size, covariance = np.hypot(y, z), table.force_covariance_yz_N2
+    crossed = np.where(np.isfinite(covariance), y * z * covariance, y_part * z_part)
+    std = np.sqrt(np.clip(y_part**2 + z_part**2 + 2.0 * crossed, 0.0, None))
+    return size, std / np.where(size > 0.0, size, np.nan)
 
 
-def _numbers(table: ContactTable, row: int, phase: str) -> str:
+def _numbers(table: ContactTable, row: int, phase: str, force_std_N: float) -> str:
     """All numbers of a located contact, one a line."""
     force, point = 1e3 * table.force_world_N[row], 1e3 * table.point_world_m[row]
     std = 1e3 * np.sqrt(np.diagonal(table.covariance_world_m2[row]).clip(min=0))
@@ -305,7 +309,7 @@ def _numbers(table: ContactTable, row: int, phase: str) -> str:
     return "\n".join(
         [
             f"frame {table.frame[row]}, {table.time_s[row] - table.time_s[0]:.3f} s",
-            _words(table, row, phase, float(np.linalg.norm(force)) / 1e3),
+            _words(table, row, phase, (float(np.linalg.norm(force)) / 1e3, force_std_N)),
             *(
                 f"{axis} {value:.2f}" + (f" ± {sd:.2g}" if np.isfinite(sd) else "") + " mm"
                 for axis, value, sd in places

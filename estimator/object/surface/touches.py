@@ -9,7 +9,7 @@ import numpy as np
 from estimator.contact.common_errors import CommonErrors
 from estimator.object.surface.settings import SurfaceSettings
 from estimator.table.contacts import ContactTable
-from vbaa_calib.core.arrays import Rows
+from vbaa_calib.core.arrays import Rows, spread_evenly
 from vbaa_calib.core.errors import InputError
 
 
@@ -54,7 +54,7 @@ def touches_of(table: ContactTable, shared: CommonErrors | None = None) -> Touch
     notes = [f"{count} contact{'s' * (count != 1)} not used: {words}" for count, words in unused if count]
     if len(row) > SurfaceSettings.most_touches:
         notes.append(f"{len(row)} contacts were thinned evenly to {SurfaceSettings.most_touches}")
-        row = row[np.round(np.linspace(0, len(row) - 1, SurfaceSettings.most_touches)).astype(int)]
+        row = row[spread_evenly(len(row), SurfaceSettings.most_touches)]
     if shared is None:
         shared = CommonErrors.none(table)
     elif unknown := int(np.sum(~np.isfinite(shared.point_m[row]).all(axis=(1, 2)))):

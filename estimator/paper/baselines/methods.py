@@ -358,7 +358,7 @@ METHODS: dict[str, tuple[Callable[[Press], Answer], str]] = {
     "3D-VBAA, camera A": (_vbaa_3d_camera_a, "centreline moment_y"),
     "3D-VBAA, camera B": (_vbaa_3d_camera_b, "centreline moment_y"),
 }
-"""How each answers, and which of `_NEEDS` it needs; of those joined by | any one is enough."""
+"""How each answers, and which measurements (`Press.has`) it needs; of those joined by | any one is enough."""
 
 
 @gate

@@ -79,7 +79,7 @@ class Press:
 
     @property
     def has(self) -> frozenset[str]:
-        """The measurements that it has, by the names of `methods.NEEDS`."""
+        """The measurements that it has, by the names in `methods.METHODS`."""
         read = np.zeros(2, bool) if self.moment_Nm is None else np.isfinite(self.moment_Nm).all(axis=0)
         found = {
             "turns": self.turn_rad is not None and bool(np.isfinite(self.turn_rad).all()),
