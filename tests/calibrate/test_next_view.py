@@ -43,14 +43,14 @@ def views(count: int, seed: int = 0, sigma_px: float = 0.1):
 def test_another_picture_never_harms_and_the_suggested_one_is_best_of_the_set():
     made, _ = views(5)
     known = LensInformation.of(solve_intrinsics(made, SPEC, "opencv5"), made, SPEC)
-    functional = plane_sensitivity(known.design, PLANE, SPEC)
-    found = _view_candidates(known.design, SPEC, _coarse_poses(known.design, SPEC, 0.24, 0.6))
+    functional = plane_sensitivity(known, PLANE, SPEC)
+    found = _view_candidates(known, SPEC, _coarse_poses(known, SPEC, 0.24, 0.6))
     poses = np.array([pose.vector for _, pose, _ in found])
     observations = [
         BoardCorners(corner_points(SPEC)[ids], np.zeros((len(ids), 2)), deformations(corner_points(SPEC))[ids])
         for *_, ids in found
     ]
-    after = np.sqrt(mean_square(functional, known.information + known.design.view_blocks(poses, observations)[0]))
+    after = np.sqrt(mean_square(functional, known.information + known.view_blocks(poses, observations)[0]))
     now = np.sqrt(mean_square(functional, known.information))
     suggestion = best_next(known, PLANE, SPEC, functional)
     assert after.max() <= now * (1.0 + 1e-9)

@@ -52,11 +52,11 @@ def lens_progress(
         except (InputError, SolveError) as error:
             reason = f"There is no lens yet: {error.what}." if isinstance(error, InputError) else str(error)
     known = None if solution is None else LensInformation.of(solution, views, spec)
-    if known is not None and not known.design.has_rays:
+    if known is not None and not known.has_rays:
         reason = "The lens found so far gives most of the picture no direction: more pictures are needed."
         known = None
     known = known or LensInformation.nominal(views, spec, size)
-    sensitivity = plane_sensitivity(known.design, plane, spec)
+    sensitivity = plane_sensitivity(known, plane, spec)
     suggestion = best_next(known, plane, spec, sensitivity)
     if not reason and sensitivity is None:
         reason = "Plane C is hardly in the picture as it was described: give its distance and inclination again."

@@ -21,7 +21,7 @@ from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.geometry import Pose
 
 from .settings import GuideSettings
-from .view_uncertainty import LensDesign, LensInformation, WorkPlane, mean_square, nominal_intrinsics
+from .view_uncertainty import LensInformation, WorkPlane, mean_square, nominal_intrinsics
 
 
 class _BoardPlace(NamedTuple):
@@ -54,13 +54,13 @@ def best_next(
     # the first pictures find the board and start the lens: all of it has to be seen
     share = GuideSettings.whole_share if known.pictures < GuideSettings.whole_pictures else GuideSettings.least_share
     limits = GuideSettings.nearest * plane.distance_m, GuideSettings.furthest * plane.distance_m
-    placed = _coarse_poses(known.design, spec, *limits)
+    placed = _coarse_poses(known, spec, *limits)
     candidate, square = None, np.nan
     for _ in range(1 + GuideSettings.rounds):
-        found = _view_candidates(known.design, spec, placed, share)
+        found = _view_candidates(known, spec, placed, share)
         if found:
             poses = np.array([pose.vector for _, pose, _ in found])
-            blocks, _ = known.design.view_blocks(poses, [_observation(ids, spec) for *_, ids in found])
+            blocks, _ = known.view_blocks(poses, [_observation(ids, spec) for *_, ids in found])
             squares = mean_square(aim, known.information + blocks)
             candidate, square = found[int(np.argmin(squares))], float(squares.min())
         if candidate is None:
@@ -68,7 +68,7 @@ def best_next(
         placed = [candidate[0], *_finer_poses(candidate[0], *limits)]
     assert candidate is not None, "there is at least one round"
     _, pose, ids = candidate
-    points, camera = corner_points(spec)[ids], known.design.camera
+    points, camera = corner_points(spec)[ids], known.camera
     # corners outside the picture, where the lens may fold, by the homography of those inside
     homography, _ = cv2.findHomography(points[:, :2], camera.project(pose @ points)[0])
     solved = known.solved and sensitivity is not None
@@ -80,9 +80,9 @@ def best_next(
     )
 
 
-def _coarse_poses(design: LensDesign, spec: BoardWithIds, near_m: float, far_m: float) -> list[_BoardPlace]:
+def _coarse_poses(known: LensInformation, spec: BoardWithIds, near_m: float, far_m: float) -> list[_BoardPlace]:
     """A grid of poses: distances within limits, places in the picture, tilts in every direction."""
-    filled_m = np.max(spec.size_m * design.intrinsics[:2] / np.array(design.image_size))
+    filled_m = np.max(spec.size_m * known.intrinsics[:2] / np.array(known.image_size))
     distances = sorted({float(np.clip(filled_m / fill, near_m, far_m)) for fill in GuideSettings.fills})
     tilts = [(0.0, 0.0)] + [
         (GuideSettings.tilt_rad, 2 * np.pi * index / GuideSettings.tilts) for index in range(GuideSettings.tilts)
@@ -103,15 +103,15 @@ def _finer_poses(best: _BoardPlace, near_m: float, far_m: float) -> list[_BoardP
 
 
 def _view_candidates(
-    design: LensDesign, spec: BoardWithIds, placed: Sequence[_BoardPlace], share: float = GuideSettings.least_share
+    known: LensInformation, spec: BoardWithIds, placed: Sequence[_BoardPlace], share: float = GuideSettings.least_share
 ) -> list[tuple[_BoardPlace, Pose, np.ndarray]]:
     """Poses T_camera_board in which at least a share of the board's corners is large and flat enough to be detected,
     and the ids (N,) of the corners visible with all their markers."""
-    places = np.array([one.place for one in placed]) * (np.array(design.image_size) - 1)
-    rays, seen = design.camera.unproject(places)
+    places = np.array([one.place for one in placed]) * (np.array(known.image_size) - 1)
+    rays, seen = known.camera.unproject(places)
     kept = [one for one, ok in zip(placed, seen.tolist(), strict=True) if ok]
     poses = _poses(kept, rays[seen], spec)
-    visible = visible_corners(design.camera, poses, spec)
+    visible = visible_corners(known.camera, poses, spec)
     least = max(GuideSettings.least_corners, round(share * spec.corner_count))
     return [one for one in zip(kept, poses, visible, strict=True) if len(one[2]) >= least]
 

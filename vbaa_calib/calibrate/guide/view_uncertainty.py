@@ -16,6 +16,7 @@ from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, DistortionModel, camera_of
 from vbaa_calib.calibrate.lens.outliers import usable_views
 from vbaa_calib.calibrate.lens.settings import LensSettings
+from vbaa_calib.calibrate.lens.uncertainty import pixel_grid
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.least_squares import without_own
 from vbaa_calib.detect.board.corners import BoardView
@@ -67,8 +68,8 @@ class WorkPlane:
 
 
 @dataclass(frozen=True, eq=False)
-class LensDesign:
-    """The lens at which uncertainty is linearised, with more parameters than the chosen lens model.
+class LensInformation:
+    """Information on the lens in the pictures so far, about a lens with more parameters than the chosen lens model.
 
     A simple model from few pictures has too small a covariance: it has none for what it cannot describe. Here the lens
     may also be wrong in what the next richer model could describe, within a prior.
@@ -80,6 +81,54 @@ class LensDesign:
     scale: np.ndarray  # (4 + k + 5, p) intrinsics and shape for a unit of each z (p,), of prior 0 ± 1
     sigma_px: float  # deviation of a corner, per axis
     shape: np.ndarray  # (5,) of the board
+    information: np.ndarray  # (p, p) of z in all pictures, without the prior
+    gradient: np.ndarray  # (p,) of the cost by z
+    pictures: int = 0  # their number
+    solved: bool = False  # whether the lens is a solution, not a nominal lens
+    inflation: float = (
+        1.0  # factor on deviations, at least 1, by which two halves of the pictures contradict each other
+    )
+    doubt: str = ""  # why it cannot be enough, in words; empty where nothing is in the way
+
+    @staticmethod
+    def of(solution: LensSolution, views: Sequence[BoardView], spec: BoardWithIds) -> LensInformation:
+        """Information of the views from which a lens was solved, without their outliers."""
+        camera, by_name = solution.camera, {view.name: view for view in views}
+        own = [by_name[used.name] for used in solution.views]
+        observations = kept_observations(own, [used.outlier_ids for used in solution.views], corner_points(spec))
+        poses = np.array([used.T_camera_board.vector for used in solution.views])
+        corners = sum(len(view.pixels) for view in observations)
+        freedom = 2 * corners - 6 * len(poses) - len(camera.parameter_names)
+        sigma_px = max(
+            GuideSettings.least_sigma_px, solution.rms_inliers_px * float(np.sqrt(corners / max(freedom, 1)))
+        )
+        start = _no_pictures(solution.model, camera.parameters, camera.image_size, sigma_px, solution.board_shape)
+        chosen = [row for row in solution.comparison if row.model == solution.model and not row.split_half_agrees]
+        inflation = max([1.0, *(float(row.halves) for row in chosen[:1] if row.halves is not None)])
+        folds = "the lens folds inside the picture: pictures with the board near the border are missing"
+        doubt = "" if solution.monotonic else folds
+        return replace(start._with(poses, observations), solved=True, inflation=inflation, doubt=doubt)
+
+    @staticmethod
+    def nominal(views: Sequence[BoardView], spec: BoardWithIds, image_size: tuple[int, int]) -> LensInformation:
+        """Information of views that are too few to solve a lens, about a nominal one."""
+        intrinsics, points = nominal_intrinsics(image_size), corner_points(spec)
+        start = _no_pictures("radial", intrinsics, image_size, GuideSettings.nominal_sigma_px, BoardShape.flat(points))
+        usable = usable_views(views, points, LensSettings.min_corners)[0] if views else []
+        if not usable:
+            return start
+        observations = [BoardCorners(points[view.ids], view.corners_px) for view in usable]
+        return start._with(robust_poses(LENS_MODELS["none"], intrinsics, observations), observations)
+
+    def _with(self, poses: np.ndarray, observations: Sequence[BoardCorners]) -> LensInformation:
+        """This information and that of views at poses (V, 6)."""
+        blocks, gradients = self.view_blocks(poses, observations)
+        return replace(
+            self,
+            information=self.information + blocks.sum(axis=0),
+            gradient=self.gradient + gradients.sum(axis=0),
+            pictures=self.pictures + len(poses),
+        )
 
     def bundle(self, poses: np.ndarray) -> Bundle:
         """The bundle of this lens with the board at poses (V, 6)."""
@@ -93,17 +142,22 @@ class LensDesign:
     @property
     def has_rays(self) -> bool:
         """Whether most pixels have a ray: a lens solved from too few pictures may have hardly any."""
-        return bool(self.camera.unproject(_grid(self.image_size))[1].mean() > GuideSettings.least_rays)
+        return bool(self.camera.unproject(pixel_grid(self.image_size))[1].mean() > GuideSettings.least_rays)
 
     def view_blocks(self, poses: np.ndarray, observations: Sequence[BoardCorners]) -> tuple[np.ndarray, np.ndarray]:
-        """Information (V, p, p) and gradient (V, p) of views at poses (V, 6), with the poses eliminated, in these
-        coordinates."""
+        """Information (V, p, p) and gradient (V, p) of each view at poses (V, 6), with the poses eliminated."""
         residuals, by_shared, by_pose, bounds = rows(self.bundle(np.asarray(poses, float)), observations)
         whole = np.concatenate([by_shared @ self.scale, residuals[..., None]], axis=-1) / self.sigma_px
         count = self.scale.shape[1]
         left = without_own(whole, by_pose, bounds)
         blocks = left.mT @ left
         return blocks[:, :count, :count], blocks[:, :count, count]
+
+    def bias_square(self, sensitivity: np.ndarray) -> float:
+        """Mean squared displacement, m², of points (sensitivity (n, 2, p)) on the plane from the chosen to the richer
+        lens."""
+        step = np.linalg.solve(self.information + np.eye(len(self.information)), self.gradient)
+        return float(np.mean(np.sum((sensitivity @ step) ** 2, axis=1)))
 
     def in_picture(self, points: np.ndarray) -> np.ndarray:
         """(N,) mask of the points (N, 3) m, camera frame, that project into the picture."""
@@ -117,43 +171,31 @@ def nominal_intrinsics(image_size: tuple[int, int]) -> np.ndarray:
     return np.array([focal, focal, (image_size[0] - 1) / 2, (image_size[1] - 1) / 2])
 
 
-def _design_about(
-    name: str,
-    intrinsics: np.ndarray,
-    image_size: tuple[int, int],
-    sigma_px: float,
-    board: BoardShape,
-) -> LensDesign:
-    """A design one step richer than the lens model `name`, at its solution (4 + k,) and with a board."""
-    chosen = LENS_MODELS[name]
-    model = LENS_MODELS[_RICHER.get(name, name)]
-    wide = np.zeros(4 + model.distortion_count)
-    wide[: len(intrinsics)] = intrinsics[: len(wide)]
-    if chosen.camera_model != model.camera_model:
-        wide = widened(chosen, intrinsics, model, image_size)
-        if not np.any(wide[4:]):
-            model, wide = chosen, np.array(intrinsics, float)
-    return LensDesign(
-        model, wide, image_size, _prior(model, wide, image_size, board.nominal_m), sigma_px, board.parameters
-    )
-
-
-def _grid(image_size: tuple[int, int]) -> np.ndarray:
-    """(81, 2) pixels evenly spread over the picture."""
-    return np.stack(np.meshgrid(*(np.linspace(0, length - 1, 9) for length in image_size)), axis=-1).reshape(-1, 2)
+def _no_pictures(
+    name: str, intrinsics: np.ndarray, image_size: tuple[int, int], sigma_px: float, board: BoardShape
+) -> LensInformation:
+    """Information of no picture, about the lens model one richer than `name`, at the solution (4 + k,) of that."""
+    chosen, model = LENS_MODELS[name], LENS_MODELS[_RICHER.get(name, name)]
+    wide = widened(chosen, intrinsics, model, image_size)
+    if chosen.camera_model != model.camera_model and not np.any(wide[4:]):
+        model, wide = chosen, np.array(intrinsics, float)
+    scale = _prior(model, wide, image_size, board.nominal_m)
+    count = scale.shape[1]
+    none = np.zeros((count, count)), np.zeros(count)
+    return LensInformation(model, wide, image_size, scale, sigma_px, board.parameters, *none)
 
 
 def _prior(
     model: DistortionModel, intrinsics: np.ndarray, image_size: tuple[int, int], nominal_m: np.ndarray
 ) -> np.ndarray:
-    """Prior standard deviations (`LensDesign.scale`) of the parameters of a typical lens and board."""
+    """Prior standard deviations (`LensInformation.scale`) of the parameters of a typical lens and board."""
     size, unit = len(intrinsics), np.eye(len(intrinsics) + SHAPE)
     fx, fy = intrinsics[:2]
     both, apart = fx * unit[0] + fy * unit[1], fx * unit[0] - fy * unit[1]
     middle = [GuideSettings.centre_prior * max(image_size) * unit[index] for index in (2, 3)]
     columns = [GuideSettings.focal_prior * both, GuideSettings.aspect_prior * apart, *middle]
     # by how many px a unit of each parameter moves the pixel that it moves most
-    rays, valid = camera_of(model, intrinsics, image_size).unproject(_grid(image_size))
+    rays, valid = camera_of(model, intrinsics, image_size).unproject(pixel_grid(image_size).reshape(-1, 2))
     rays, moved = rays[valid & (rays[:, 2] > 0.05)], np.zeros(size)
     if len(rays):
         seen = BoardCorners(rays / rays[:, 2:], np.zeros((len(rays), 2)))
@@ -168,21 +210,21 @@ def _prior(
     return np.stack(columns, axis=1)
 
 
-def plane_sensitivity(design: LensDesign, plane: WorkPlane, spec: BoardWithIds) -> np.ndarray | None:
+def plane_sensitivity(lens: LensInformation, plane: WorkPlane, spec: BoardWithIds) -> np.ndarray | None:
     """(n, 2, p) displacement of points on the plane, m, per unit of each coordinate z, with the camera's pose solved
     again from an exactly seen board in the jig. None where plane or board are hardly in the picture."""
     space = np.pad(plane.points, ((0, 0), (0, 1)))
-    inside = design.in_picture(plane.T_camera_plane @ space)
+    inside = lens.in_picture(plane.T_camera_plane @ space)
     board = corner_points(spec)
     moved = deformations(board)
     T_camera_board = plane.board_pose(spec)
-    seen = design.in_picture(T_camera_board @ board)
+    seen = lens.in_picture(T_camera_board @ board)
     if inside.mean() < 0.5 or seen.sum() < GuideSettings.least_jig_corners:
         return None
 
     def slopes(view: BoardCorners) -> tuple[np.ndarray, np.ndarray]:
-        _, by_shared, by_pose, _ = rows(design.bundle(T_camera_board.vector[None]), [view])
-        return by_shared @ design.scale, by_pose
+        _, by_shared, by_pose, _ = rows(lens.bundle(T_camera_board.vector[None]), [view])
+        return by_shared @ lens.scale, by_pose
 
     jig_shared, jig_pose = slopes(BoardCorners(board[seen], board[seen, :2], moved[seen]))
     # the plane's points turn about the board's origin, as the board does
@@ -200,60 +242,3 @@ def mean_square(sensitivity: np.ndarray, information: np.ndarray) -> np.ndarray:
     form = flat.T @ flat / len(sensitivity)
     posterior = information + np.eye(form.shape[0])
     return np.trace(np.linalg.solve(posterior, np.broadcast_to(form, posterior.shape)), axis1=-2, axis2=-1)
-
-
-@dataclass(frozen=True, eq=False)
-class LensInformation:
-    """Information on the lens in the pictures so far."""
-
-    design: LensDesign  # about which it is linearised
-    information: np.ndarray  # (p, p) of all pictures, in the design's coordinates, without the prior
-    gradient: np.ndarray  # (p,) of the cost, towards another lens of the design
-    pictures: int  # their number
-    solved: bool  # whether it is a solution or a nominal lens
-    inflation: float  # factor on deviations, at least 1, by which two halves of the pictures contradict each other
-    doubt: str  # why it cannot be enough, in words; empty where nothing is in the way
-
-    @staticmethod
-    def of(solution: LensSolution, views: Sequence[BoardView], spec: BoardWithIds) -> LensInformation:
-        """Information of the views from which a lens was solved, without their outliers."""
-        camera, by_name = solution.camera, {view.name: view for view in views}
-        own = [by_name[used.name] for used in solution.views]
-        observations = kept_observations(own, [used.outlier_ids for used in solution.views], corner_points(spec))
-        poses = np.array([used.T_camera_board.vector for used in solution.views])
-        corners = sum(len(view.pixels) for view in observations)
-        freedom = 2 * corners - 6 * len(poses) - len(camera.parameter_names)
-        sigma_px = max(
-            GuideSettings.least_sigma_px, solution.rms_inliers_px * float(np.sqrt(corners / max(freedom, 1)))
-        )
-        board = solution.board_shape
-        design = _design_about(solution.model, camera.parameters, camera.image_size, sigma_px, board)
-        blocks, gradients = design.view_blocks(poses, observations)
-        chosen = [row for row in solution.comparison if row.model == solution.model and not row.split_half_agrees]
-        inflation = max([1.0, *(float(row.halves) for row in chosen[:1] if row.halves is not None)])
-        folds = "the lens folds inside the picture: pictures with the board near the border are missing"
-        doubt = "" if solution.monotonic else folds
-        return LensInformation(design, blocks.sum(axis=0), gradients.sum(axis=0), len(poses), True, inflation, doubt)
-
-    @staticmethod
-    def nominal(views: Sequence[BoardView], spec: BoardWithIds, image_size: tuple[int, int]) -> LensInformation:
-        """Information of views that are too few to solve a lens, at a nominal one."""
-        intrinsics = nominal_intrinsics(image_size)
-        design = _design_about(
-            "radial", intrinsics, image_size, GuideSettings.nominal_sigma_px, BoardShape.flat(corner_points(spec))
-        )
-        usable = usable_views(views, corner_points(spec), LensSettings.min_corners)[0] if views else []
-        points, count = corner_points(spec), design.scale.shape[1]
-        observations = [BoardCorners(points[view.ids], view.corners_px) for view in usable]
-        information, gradient = np.zeros((count, count)), np.zeros(count)
-        if observations:
-            poses = robust_poses(LENS_MODELS["none"], intrinsics, observations)
-            blocks, gradients = design.view_blocks(poses, observations)
-            information, gradient = blocks.sum(axis=0), gradients.sum(axis=0)
-        return LensInformation(design, information, gradient, len(usable), False, 1.0, "")
-
-    def bias_square(self, sensitivity: np.ndarray) -> float:
-        """Mean squared displacement, m², of points (sensitivity (n, 2, p)) on the plane from the chosen to the richer
-        lens."""
-        step = np.linalg.solve(self.information + np.eye(len(self.information)), self.gradient)
-        return float(np.mean(np.sum((sensitivity @ step) ** 2, axis=1)))
