@@ -241,7 +241,9 @@ def _bend(data: LensReadings, camera: Camera) -> tuple[float, float, float, floa
         ideal, valid = camera.unproject_normalized(view.corners_px)
         straight = np.where(valid[:, None], ideal * np.diag(camera.matrix)[:2] + camera.matrix[:2, 2], np.nan)
         fits = [(pixels, homography(plane, pixels)) for pixels in (view.corners_px, straight)]
-        left = np.array([pixels - _mapped(fit[0], plane) for pixels, fit in fits if fit is not None])
+        left = np.array(
+            [pixels - cv2.perspectiveTransform(plane[None], fit[0])[0] for pixels, fit in fits if fit is not None]
+        )
         noise = [fit[1] for _, fit in fits if fit is not None]
         if len(noise) < 2:
             continue
@@ -258,11 +260,6 @@ def _bend(data: LensReadings, camera: Camera) -> tuple[float, float, float, floa
     without, whole = np.diag(sums) / freedom + _LIMITS.corner_px**2
     odds = 0.5 * freedom / _LIMITS.alike * float(np.log(whole / without))
     return float(share), float(np.sqrt(without)), float(np.sqrt(whole)), odds
-
-
-def _mapped(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
-    there = points @ matrix[:, :2].T + matrix[:, 2]
-    return np.asarray(there[:, :2] / there[:, 2:])
 
 
 @dataclass(frozen=True)
@@ -381,7 +378,7 @@ class ViewSet:
                 index = int(firsts[change[0]]) if name == "step" else change[0]
                 found.append(_ViewChange(name, index, *change[1:]))
         best = max(found, key=lambda one: abs(one.size / one.std), default=None)
-        return best if best is not None and best.log_odds >= DecisionSettings().least_log_odds else None
+        return best if best is not None and best.log_odds >= DecisionSettings.least_log_odds else None
 
     def without(self, parameter: int, change: _ViewChange) -> ViewSet:
         """The set corrected for a change."""

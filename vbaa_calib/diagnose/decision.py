@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import Generic, TypeVar, get_args
 
 from vbaa_calib.core.errors import Diagnosis, Severity
@@ -48,43 +49,35 @@ Hypothesis = Callable[[_Data], Iterable[Explanation[_Data]]]
 """A row of a table of hypotheses: of observations, the explanations that it offers; none where it does not apply."""
 
 
-def decide(
-    explanations: Iterable[Explanation[_Data]], settings: DecisionSettings = DecisionSettings()
-) -> list[Explanation[_Data]]:
+def decide(explanations: Iterable[Explanation[_Data]]) -> list[Explanation[_Data]]:
     """The likeliest explanation, together with those that the data hardly distinguish from it, as doubts where the
     odds are low; empty where everything may be as reported."""
-    likely = sorted((one for one in explanations if one.log_odds >= settings.least_doubt), key=_odds, reverse=True)
-    close = [one for one in likely if one.log_odds > likely[0].log_odds - settings.lead]
-    named = [one for one in close if one.diagnosis.name not in close[0].covers][: settings.named]
-    return named if not named or named[0].log_odds >= settings.least_log_odds else [_doubtful(one) for one in named]
+    likely = [one for one in explanations if one.log_odds >= DecisionSettings.least_doubt]
+    likely.sort(key=attrgetter("log_odds"), reverse=True)
+    close = [one for one in likely if one.log_odds > likely[0].log_odds - DecisionSettings.lead]
+    named = [one for one in close if one.diagnosis.name not in close[0].covers][: DecisionSettings.named]
+    certain = not named or named[0].log_odds >= DecisionSettings.least_log_odds
+    return named if certain else [_doubtful(one) for one in named]
 
 
 def _doubtful(one: Explanation[_Data]) -> Explanation[_Data]:
-    """Whether an explanation is too uncertain to search for further ones with it applied."""
+    """An explanation as a doubt, too uncertain to search for further ones with it applied."""
     severity: Severity = "doubt" if one.diagnosis.severity == "wrong" else one.diagnosis.severity
     return replace(one, diagnosis=replace(one.diagnosis, severity=severity), applied=None)
 
 
-def _odds(one: Explanation[_Data]) -> float:
-    return one.log_odds
-
-
-def diagnose(
-    data: _Data, table: Sequence[Hypothesis[_Data]], settings: DecisionSettings = DecisionSettings()
-) -> list[Diagnosis]:
+def diagnose(data: _Data, table: Sequence[Hypothesis[_Data]]) -> list[Diagnosis]:
     """The diagnoses, the likeliest first: see `explained`."""
-    return [joined(best) for best in explained(data, table, settings)[0]]
+    return [joined(best) for best in explained(data, table)[0]]
 
 
-def explained(
-    data: _Data, table: Sequence[Hypothesis[_Data]], settings: DecisionSettings = DecisionSettings()
-) -> tuple[list[list[Explanation[_Data]]], _Data]:
+def explained(data: _Data, table: Sequence[Hypothesis[_Data]]) -> tuple[list[list[Explanation[_Data]]], _Data]:
     """The diagnoses, the likeliest first, each with those that the data hardly distinguish from it; and the
     corrected observations. The table is evaluated again with each round's best explanation applied."""
     found: list[list[Explanation[_Data]]] = []
-    for _ in range(settings.rounds):
+    for _ in range(DecisionSettings.rounds):
         known = {_subject(joined(each)) for each in found}
-        best = decide((one for row in table for one in row(data) if _subject(one.diagnosis) not in known), settings)
+        best = decide(one for row in table for one in row(data) if _subject(one.diagnosis) not in known)
         if not best:
             break
         found.append(best)

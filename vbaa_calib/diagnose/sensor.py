@@ -13,7 +13,7 @@ from vbaa_calib.core.errors import Diagnosis, Severity
 from vbaa_calib.session import STANDARD_GRAVITY_M_S2 as _G
 
 from .decision import Explanation, diagnose
-from .settings import SETTINGS, SessionSettings
+from .settings import SETTINGS
 
 _UNITS = (
     ("mN·m or N·mm", 1e3, "divide the readings by 1000"),
@@ -101,7 +101,7 @@ def _explained(
     return Explanation(diagnosis, odds - readings.reported, None if right is None else lambda: right)
 
 
-def _dead(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iterator[Explanation[MomentReadings]]:
+def _dead(readings: MomentReadings) -> Iterator[Explanation[MomentReadings]]:
     """Hypothesis of readings that do not follow the moments."""
     spread = f"while the true moments span {1e3 * np.ptp(readings.true):.3g} mN·m"
     gain, std, _ = readings.gain()
@@ -111,13 +111,13 @@ def _dead(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iterator[E
         words = f"all {len(readings.read)} moment readings are {readings.read[0]:.4g} N·m, {spread}"
         remedy = "connect the sensor, or leave moment_Nm to what it reads, not to a zero typed in"
     least = min(factor for _, factor, _ in _UNITS)
-    odds = max(readings.log_likelihood(0.0, 0.0, usual_noise=noise)[0] for noise in (1.0, least)) + s.sensor_fault
+    likely = max(readings.log_likelihood(0.0, 0.0, usual_noise=noise)[0] for noise in (1.0, least))
     covers = ("sensor_unit", "sensor_sign", "sensor_axis", "sensor_gain")
-    found = _explained(readings, Diagnosis("sensor_not_connected", words, remedy, "wrong"), odds)
-    yield replace(found, covers=covers)
+    diagnosis = Diagnosis("sensor_not_connected", words, remedy, "wrong")
+    yield replace(_explained(readings, diagnosis, likely + SETTINGS.sensor_fault), covers=covers)
 
 
-def _sign_and_unit(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iterator[Explanation[MomentReadings]]:
+def _sign_and_unit(readings: MomentReadings) -> Iterator[Explanation[MomentReadings]]:
     """Hypotheses of exchanged leads, and of other units."""
     gain, std, _ = readings.gain()
     known = f"gain {gain:.4g} ± {std:.2g}"
@@ -127,46 +127,47 @@ def _sign_and_unit(readings: MomentReadings, s: SessionSettings = SETTINGS) -> I
             if (sign, factor) == (1.0, 1.0):
                 continue
             words, name = f"the moment sensor's {known}, as if it were read in {unit}", "sensor_unit"
-            usual = s.usual_gains[0] < gain < s.usual_gains[1]
+            usual = SETTINGS.usual_gains[0] < gain < SETTINGS.usual_gains[1]
             if sign < 0:
                 as_if = f", as if it were read in {unit}" if remedy else ""
                 words, name = f"the moment sensor reads with the wrong sign: {known}{as_if}", "sensor_sign"
             what = "; ".join([leads] * (sign < 0) + [f"{remedy}: moment_Nm is in N·m"] * bool(remedy))
             severity: Severity = "wrong" if remedy and not usual else "doubt"
-            width = s.unit_std if remedy else s.own_gain_std
+            width = SETTINGS.unit_std if remedy else SETTINGS.own_gain_std
             # in a larger unit its noise, too, is a smaller number
             likely, _ = readings.log_likelihood(sign * factor, width * factor, usual_noise=min(factor, 1.0))
-            odds = likely + s.sensor_fault - bool(remedy)
+            odds = likely + SETTINGS.sensor_fault - bool(remedy)
             right = replace(readings, read=readings.read / (sign * factor))
             yield _explained(readings, Diagnosis(name, words, what, severity), odds, right)
 
 
-def _own_gain(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iterator[Explanation[MomentReadings]]:
+def _own_gain(readings: MomentReadings) -> Iterator[Explanation[MomentReadings]]:
     """Hypothesis of an arbitrary gain."""
     gain, std, _ = readings.gain()
     right = replace(readings, read=readings.read / gain) if gain else None
-    words, usual = f"the moment sensor's gain is {gain:.4g} ± {std:.2g}", s.usual_gains[0] < gain < s.usual_gains[1]
-    if usual and abs(gain - 1.0) > 2.0 * s.gain_std:
-        odds = readings.log_likelihood(1.0, s.own_gain_std)[0]
+    words = f"the moment sensor's gain is {gain:.4g} ± {std:.2g}"
+    usual = SETTINGS.usual_gains[0] < gain < SETTINGS.usual_gains[1]
+    if usual and abs(gain - 1.0) > 2.0 * SETTINGS.gain_std:
+        odds = readings.log_likelihood(1.0, SETTINGS.own_gain_std)[0]
         yield _explained(readings, Diagnosis("sensor_gain", words, "the rig has it", "note"), odds, right)
     elif gain > 0 and not usual:
         remedy = "check its calibration and the unit of moment_Nm"
-        odds = readings.log_likelihood(0.0, max(s.any_gain_std, gain))[0] + s.sensor_fault
+        odds = readings.log_likelihood(0.0, max(SETTINGS.any_gain_std, gain))[0] + SETTINGS.sensor_fault
         yield _explained(readings, Diagnosis("sensor_gain", f"{words}, far from 1", remedy), odds, right)
 
 
-def _other_axis(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iterator[Explanation[MomentReadings]]:
+def _other_axis(readings: MomentReadings) -> Iterator[Explanation[MomentReadings]]:
     """Hypothesis of readings of the moment about z."""
     other = replace(readings, true=readings.about_z)
     for sign in (1.0, -1.0):
         gain, std, _ = readings.gain(readings.about_z)
         words = f"the moment readings follow the loads along y, not along z: gain {gain:.3g} ± {std:.2g} about z"
         remedy = "turn the sensor by 90° about the antenna, or take the channel of the moment about y"
-        odds = other.log_likelihood(sign, s.own_gain_std)[0] + s.sensor_fault
+        odds = other.log_likelihood(sign, SETTINGS.own_gain_std)[0] + SETTINGS.sensor_fault
         yield _explained(readings, Diagnosis("sensor_axis", words, remedy, "wrong"), odds)
 
 
-def _drift(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iterator[Explanation[MomentReadings]]:
+def _drift(readings: MomentReadings) -> Iterator[Explanation[MomentReadings]]:
     """Hypothesis of a drifting zero."""
     if np.ptp(readings.when) == 0.0:
         return
@@ -175,12 +176,12 @@ def _drift(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iterator[
     columns = np.column_stack([readings.true, np.ones_like(when), when])
     found = np.linalg.lstsq(columns, readings.read, rcond=None)[0]
     words = f"the moment sensor drifts by {1e3 * found[2] / np.ptp(readings.when):.2g} mN·m per {readings.per}"
-    odds = readings.log_likelihood(1.0, s.own_gain_std, column=column)[0] + s.noisy
+    odds = readings.log_likelihood(1.0, SETTINGS.own_gain_std, column=column)[0] + SETTINGS.noisy
     diagnosis = Diagnosis("sensor_drifts", words, "let it warm up, and zero it again before a recording")
     yield _explained(readings, diagnosis, odds, replace(readings, drift=column))
 
 
-def _one_reading(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iterator[Explanation[MomentReadings]]:
+def _one_reading(readings: MomentReadings) -> Iterator[Explanation[MomentReadings]]:
     """Hypotheses of a single wrong reading."""
     less = float(np.log(len(readings.read)))
     for index, name in enumerate(readings.names):
@@ -188,21 +189,21 @@ def _one_reading(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Ite
         gain, zero = np.polyfit(readings.true[rest], readings.read[rest], 1)
         off = readings.read[index] - gain * readings.true[index] - zero
         column = np.where(rest, 0.0, 1e3 * readings.std_Nm)
-        odds = readings.log_likelihood(1.0, s.own_gain_std, column=column)[0] + s.noisy - less
+        odds = readings.log_likelihood(1.0, SETTINGS.own_gain_std, column=column)[0] + SETTINGS.noisy - less
         words = f"{name}: the moment reading is {1e3 * off:+.3g} mN·m off"
         diagnosis = Diagnosis("moment_reading_off", words, "is its row right?")
         yield _explained(readings, diagnosis, odds, replace(readings, drift=column))
 
 
-def _noise(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iterator[Explanation[MomentReadings]]:
+def _noise(readings: MomentReadings) -> Iterator[Explanation[MomentReadings]]:
     """Hypothesis of more noise than stated."""
-    odds, noise = readings.log_likelihood(1.0, s.own_gain_std)
+    odds, noise = readings.log_likelihood(1.0, SETTINGS.own_gain_std)
     words = (
         f"the moment sensor scatters by {1e3 * noise * readings.std_Nm:.3g} mN·m, the session says "
         f"{1e3 * readings.std_Nm:.3g}"
     )
     diagnosis = Diagnosis("sensor_noise", words, "the former is used")
-    yield _explained(readings, diagnosis, odds + s.noisy, replace(readings, std_Nm=noise * readings.std_Nm))
+    yield _explained(readings, diagnosis, odds + SETTINGS.noisy, replace(readings, std_Nm=noise * readings.std_Nm))
 
 
 TABLE = (_dead, _sign_and_unit, _own_gain, _other_axis, _drift, _one_reading, _noise)
@@ -214,16 +215,16 @@ Channels = dict[str, MomentReadings]
 
 
 def _better(channels: Channels, changed: Mapping[str, tuple[MomentReadings, float, float]]) -> float:
-    """Log odds of changed readings over the reported ones. changed : by channel the readings, and the mean and standard
-    deviation of their gain."""
-    now = sum(one.log_likelihood(gain, std)[0] for one, gain, std in changed.values())
+    """Log odds of a fault that changes readings over the reported ones. changed : by channel the readings without it,
+    and the mean and standard deviation of their gain."""
+    now = sum(one.log_likelihood(gain, std)[0] for one, gain, std in changed.values()) + SETTINGS.sensor_fault
     return now - sum(channels[name].reported for name in changed)
 
 
-def _turned_channels(channels: Channels, s: SessionSettings = SETTINGS) -> Iterator[Explanation[Channels]]:
+def _turned_channels(channels: Channels) -> Iterator[Explanation[Channels]]:
     """Hypotheses of a channel with its sign reversed."""
     for name, one in channels.items():
-        odds = _better(channels, {name: (one, -1.0, s.own_gain_std)}) + s.sensor_fault
+        odds = _better(channels, {name: (one, -1.0, SETTINGS.own_gain_std)})
         words = f"{name} reads with the wrong sign: gain {one.gain()[0]:.3g} ± {one.gain()[1]:.2g} of what is expected"
         remedy = "name its component with the other sign in wrench_sensor.components, or turn the column's sign round"
         right = {**channels, name: replace(one, read=-one.read)}
@@ -231,7 +232,7 @@ def _turned_channels(channels: Channels, s: SessionSettings = SETTINGS) -> Itera
         yield Explanation(diagnosis, odds, partial(dict, right))
 
 
-def _exchanged_channels(channels: Channels, s: SessionSettings = SETTINGS) -> Iterator[Explanation[Channels]]:
+def _exchanged_channels(channels: Channels) -> Iterator[Explanation[Channels]]:
     """Hypotheses of two exchanged channels of a kind, with either sign: columns, wires, or a sensor mounted a
     quarter turn round."""
     for first, second in combinations(channels, 2):
@@ -240,8 +241,8 @@ def _exchanged_channels(channels: Channels, s: SessionSettings = SETTINGS) -> It
         a, b = channels[first], channels[second]
         for signs in product((1.0, -1.0), repeat=2):
             as_first, as_second = replace(a, read=signs[0] * b.read), replace(b, read=signs[1] * a.read)
-            std = s.own_gain_std
-            odds = _better(channels, {first: (as_first, 1.0, std), second: (as_second, 1.0, std)}) + s.sensor_fault
+            std = SETTINGS.own_gain_std
+            odds = _better(channels, {first: (as_first, 1.0, std), second: (as_second, 1.0, std)})
             turned = [
                 f", {name} with its sign turned round"
                 for name, sign in zip((second, first), signs, strict=True)
@@ -254,7 +255,7 @@ def _exchanged_channels(channels: Channels, s: SessionSettings = SETTINGS) -> It
             yield Explanation(diagnosis, odds - float(sum(sign < 0 for sign in signs)), partial(dict, right))
 
 
-def _units_of_channels(channels: Channels, s: SessionSettings = SETTINGS) -> Iterator[Explanation[Channels]]:
+def _units_of_channels(channels: Channels) -> Iterator[Explanation[Channels]]:
     """Hypotheses of all forces, or all moments, in another unit."""
     forces = (
         ("mN", 1e3, "divide them by 1000"),
@@ -265,27 +266,29 @@ def _units_of_channels(channels: Channels, s: SessionSettings = SETTINGS) -> Ite
     for kind, units in (("_N", forces), ("_Nm", _UNITS)):
         names = [name for name in channels if name.endswith(kind)]
         for unit, factor, remedy in units if names else ():
-            changed = {name: (channels[name], factor, s.unit_std * factor) for name in names}
-            odds = _better(channels, changed) + s.sensor_fault - 1.0
+            changed = {name: (channels[name], factor, SETTINGS.unit_std * factor) for name in names}
+            odds = _better(channels, changed) - 1.0
             words = f"{', '.join(names)} are as if they were read in {unit}"
             right = channels | {name: replace(channels[name], read=channels[name].read / factor) for name in names}
             diagnosis = Diagnosis("sensor_unit", words, f"{remedy}: they are in N·m or N", "wrong")
             yield Explanation(diagnosis, odds, partial(dict, right))
 
 
-def _dead_channels(channels: Channels, s: SessionSettings = SETTINGS) -> Iterator[Explanation[Channels]]:
+def _dead_channels(channels: Channels) -> Iterator[Explanation[Channels]]:
     """Hypotheses of a channel that does not follow the load."""
     for name, one in channels.items():
-        if np.ptp(one.true) < s.seen_std * one.std_Nm:
+        if np.ptp(one.true) < SETTINGS.seen_std * one.std_Nm:
             continue
-        odds = _better(channels, {name: (one, 0.0, 0.0)}) + s.sensor_fault
+        odds = _better(channels, {name: (one, 0.0, 0.0)})
         words = f"{name} does not follow the loads: gain {one.gain()[0]:.3g} ± {one.gain()[1]:.2g} of what is expected"
         diagnosis = Diagnosis("sensor_not_connected", words, "check that channel's wires", "wrong")
         right = {other: each for other, each in channels.items() if other != name}
         yield Explanation(diagnosis, odds, partial(dict, right))
 
 
-def channel_diagnoses(channels: Channels, s: SessionSettings = SETTINGS) -> list[Diagnosis]:
+def channel_diagnoses(channels: Channels) -> list[Diagnosis]:
     """Diagnoses of a sensor of several axes, the likeliest first."""
-    read = {name: one for name, one in channels.items() if np.isfinite(one.read).all() and len(one.read) >= s.fewest}
+    read = {
+        name: one for name, one in channels.items() if np.isfinite(one.read).all() and len(one.read) >= SETTINGS.fewest
+    }
     return diagnose(read, (_turned_channels, _exchanged_channels, _units_of_channels, _dead_channels))

@@ -25,7 +25,7 @@ from vbaa_calib.session import Load, Session, Still, gravity_antenna
 from .decision import DecisionSettings, Explanation, diagnose, explained, joined
 from .sensor import TABLE as SENSOR
 from .sensor import MomentReadings, channel_diagnoses
-from .settings import SETTINGS, SessionSettings
+from .settings import SETTINGS
 from .typed_loads import FORCE_UNITS, LENGTH_UNITS, rows_name, typed_load_diagnoses, weighed
 from .witness import Alteration, RigFit, Witness, name_of
 
@@ -100,7 +100,7 @@ def _plane_turn(angle: float) -> np.ndarray:
 # ---- lengths
 
 
-def _lengths(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
+def _lengths(witness: Witness) -> Iterator[_Mistake]:
     """Hypotheses of lengths: antenna.length_m, and the board's squares, which scale the camera's distance."""
     if len(witness.problem.tips):
         nominal = witness.problem.length_m
@@ -115,9 +115,10 @@ def _lengths(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
                 "tip",
             )
 
-        yield _Mistake(
-            lambda problem, v: replace(problem, length_m=nominal * (1.0 + v[0])), length, (s.length,), s.mistake
-        )
+        def longer(problem: Problem, v: np.ndarray) -> Problem:
+            return replace(problem, length_m=nominal * (1.0 + v[0]))
+
+        yield _Mistake(longer, length, (SETTINGS.length,), SETTINGS.mistake)
     jig = witness.session.T_antenna_board
     origin = np.zeros(3) if jig is None else jig.translation_m
 
@@ -139,7 +140,7 @@ def _lengths(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
         )
 
     if any(one.way != "over board" for one in witness.problem.prior.poses):
-        yield _Mistake(scaled, board, (s.board,), s.mistake)
+        yield _Mistake(scaled, board, (SETTINGS.board,), SETTINGS.mistake)
 
 
 # ---- loads
@@ -213,7 +214,7 @@ def _slips(witness: Witness, which: Sequence[int], log_prior: float) -> Iterator
         yield cause("distance", "from the tip", lambda load: replace(load, distance_m=length_m - load.distance_m), 1.5)
 
 
-def _one_load(witness: Witness, s: SessionSettings, index: int, less: float) -> Iterator[_Mistake]:
+def _one_load(witness: Witness, index: int, less: float) -> Iterator[_Mistake]:
     """Hypotheses of the distance and force of one load."""
     name, load, length_m = (
         name_of(witness.problem.observations, index),
@@ -233,7 +234,7 @@ def _one_load(witness: Witness, s: SessionSettings, index: int, less: float) -> 
             "wrong" if abs(fit.values[0]) > 0.02 * load.distance_m else "doubt",
         )
 
-    yield _Mistake(moved, place, (s.distance * length_m,), s.mistake - less)
+    yield _Mistake(moved, place, (SETTINGS.distance * length_m,), SETTINGS.mistake - less)
 
     def heavier(problem: Problem, v: np.ndarray) -> Problem:
         return _reloaded(problem, [index], lambda one: _turned_load(one, np.exp(v[0]) * np.eye(2)))
@@ -249,7 +250,7 @@ def _one_load(witness: Witness, s: SessionSettings, index: int, less: float) -> 
             "wrong" if abs(fit.values[0]) > 0.03 else "doubt",
         )
 
-    yield _Mistake(heavier, force, (s.force,), s.mistake - less)
+    yield _Mistake(heavier, force, (SETTINGS.force,), SETTINGS.mistake - less)
 
     def turned(problem: Problem, v: np.ndarray) -> Problem:
         return _reloaded(problem, [index], lambda one: _turned_load(one, _plane_turn(v[0])))
@@ -263,10 +264,10 @@ def _one_load(witness: Witness, s: SessionSettings, index: int, less: float) -> 
             "wrong" if abs(fit.values[0]) > 0.03 else "doubt",
         )
 
-    yield _Mistake(turned, direction, (s.turn_rad,), s.mistake - less - 1.0)
+    yield _Mistake(turned, direction, (SETTINGS.turn_rad,), SETTINGS.mistake - less - 1.0)
 
 
-def _exchanges(witness: Witness, s: SessionSettings, suspects: Sequence[int]) -> Iterator[_Mistake]:
+def _exchanges(witness: Witness, suspects: Sequence[int]) -> Iterator[_Mistake]:
     """Hypotheses of exchanged weights, distances or pictures of two loads."""
     loads, observations = dict(witness.loads), witness.problem.observations
     pairs = [pair for pair in combinations(loads, 2) if set(pair) & set(suspects)]
@@ -295,7 +296,7 @@ def _exchanges(witness: Witness, s: SessionSettings, suspects: Sequence[int]) ->
                 ]
                 return replace(problem, observations=seen)
 
-            return _Mistake(alter, says, (), s.mistake - less, True, True)
+            return _Mistake(alter, says, (), SETTINGS.mistake - less, True, True)
 
         def with_load(index: int, load: Load) -> Observation:
             return replace(observations[index], still=load)
@@ -316,7 +317,7 @@ def _exchanges(witness: Witness, s: SessionSettings, suspects: Sequence[int]) ->
         )
 
 
-def _all_loads(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
+def _all_loads(witness: Witness) -> Iterator[_Mistake]:
     """Hypotheses of errors common to all loads."""
     which, length_m = [index for index, _ in witness.loads], witness.problem.length_m
     if not which:
@@ -334,7 +335,7 @@ def _all_loads(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
 
     yield _Mistake(
         lambda problem, v: _reloaded(problem, which, lambda one: _moved_load(one, v[0], length_m)),
-        shifted, (s.shift_m,), s.mistake,
+        shifted, (SETTINGS.shift_m,), SETTINGS.mistake,
     )  # fmt: skip
 
     def turned(fit: RigFit) -> Diagnosis:
@@ -348,12 +349,12 @@ def _all_loads(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
 
     yield _Mistake(
         lambda problem, v: _reloaded(problem, which, lambda one: _turned_load(one, _plane_turn(v[0]))),
-        turned, (s.turn_rad,), s.mistake,
+        turned, (SETTINGS.turn_rad,), SETTINGS.mistake,
     )  # fmt: skip
-    yield from _slips(witness, which, s.mistake)
+    yield from _slips(witness, which, SETTINGS.mistake)
 
 
-def _materials(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
+def _materials(witness: Witness) -> Iterator[_Mistake]:
     """Hypotheses of another modulus, density or diameter."""
     nominal = witness.session.antenna
 
@@ -380,9 +381,9 @@ def _materials(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
 
     def possible(fit: RigFit) -> bool:
         ratio = float(np.exp(fit.parameters[12] - witness.problem.prior.mean[6]))
-        return s.moduli_Pa[0] <= ratio * nominal.youngs_modulus_Pa <= s.moduli_Pa[1]
+        return SETTINGS.moduli_Pa[0] <= ratio * nominal.youngs_modulus_Pa <= SETTINGS.moduli_Pa[1]
 
-    yield _Mistake(other, says, s.material, 0.0, within=possible)
+    yield _Mistake(other, says, SETTINGS.material, 0.0, within=possible)
 
 
 # ---- gravity and joints
@@ -397,7 +398,7 @@ def _always(diagnosis: Diagnosis, fit: RigFit) -> Diagnosis:
     return diagnosis
 
 
-def _gravity(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
+def _gravity(witness: Witness) -> Iterator[_Mistake]:
     """Hypotheses of gravity's direction, and of the joints' readings."""
     kinematics, world = witness.kinematics, witness.session.gravity_world_m_s2
     frames = [one.still for one in witness.problem.observations]
@@ -417,7 +418,7 @@ def _gravity(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
     if world.any():
         worlds["there were no gravity"] = np.zeros(3)
     # what is no further away is a tilt
-    near = np.cos(4.0 * s.turn_rad) * G * np.linalg.norm(world)
+    near, log_prior = np.cos(4.0 * SETTINGS.turn_rad) * G * np.linalg.norm(world), SETTINGS.mistake - 1.5
     worlds = {words: gravity for words, gravity in worlds.items() if not gravity @ world > near}
     for words, gravity in worlds.items():
         pulls = gravity_antenna(kinematics, gravity, frames)
@@ -429,7 +430,7 @@ def _gravity(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
             "wrong",
         )
         if new(pulls):
-            yield _Mistake(partial(_with_gravity, pulls), partial(_always, likely), (), s.mistake - 1.5, moments=True)
+            yield _Mistake(partial(_with_gravity, pulls), partial(_always, likely), (), log_prior, moments=True)
     # How the joints would have moved, what to correct, and the matrix that puts (pan, tilt) right.
     faults = (
         ("the tilt turned the other way", "the sign of tilt_rad", np.diag([1.0, -1.0])),
@@ -450,7 +451,7 @@ def _gravity(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
             "wrong",
         )
         if new(pulls):
-            yield _Mistake(partial(_with_gravity, pulls), partial(_always, likely), (), s.mistake - 1.5, moments=True)
+            yield _Mistake(partial(_with_gravity, pulls), partial(_always, likely), (), log_prior, moments=True)
     if not world.any():
         return
 
@@ -475,7 +476,7 @@ def _gravity(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
             "wrong" if size > 2.0 else "doubt",
         )
 
-    yield _Mistake(tilted, tilt, (0.5 * s.turn_rad,) * 2, s.mistake, moments=True)
+    yield _Mistake(tilted, tilt, (0.5 * SETTINGS.turn_rad,) * 2, SETTINGS.mistake, moments=True)
 
 
 # ---- antenna and clamp
@@ -506,7 +507,7 @@ def _size(fit: RigFit, which: slice, factor: float, unit: str) -> str:
 _turn = partial(_size, which=slice(0, 3), factor=180.0 / np.pi, unit="°")
 
 
-def _since(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
+def _since(witness: Witness) -> Iterator[_Mistake]:
     """Hypotheses of a clamp that slipped, an antenna that was bent, or a camera that turned, between two pictures."""
     observations = witness.problem.observations
     times = [one.still.time_s for one in observations]
@@ -526,14 +527,14 @@ def _since(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
     )
     # name, the antenna's parameters, how the values change them, their standard deviation, log odds, words, their size
     kinds = (
-        ("clamp_slipped", [0, 1], np.eye(2), s.slip_m, 0.0, "the clamp has moved by {}", moved, tight),
-        ("clamp_slipped", [2, 3], np.eye(2), s.slip_rad, 0.0, "the clamp has turned by {}", mrad, tight),
+        ("clamp_slipped", [0, 1], np.eye(2), SETTINGS.slip_m, 0.0, "the clamp has moved by {}", moved, tight),
+        ("clamp_slipped", [2, 3], np.eye(2), SETTINGS.slip_rad, 0.0, "the clamp has turned by {}", mrad, tight),
         (
-            *("antenna_bent_between", [4, 5], np.eye(2), s.bow / witness.problem.length_m, 0.0),
+            *("antenna_bent_between", [4, 5], np.eye(2), SETTINGS.bow / witness.problem.length_m, 0.0),
             *("the antenna is bent by {} more than before,", bent, straight),
         ),
         # what it has in common with a clamp that slipped is the clamp's
-        ("camera_turned", [0, 1, 2, 3], by_turn, s.turn_rad, -1.0, "the camera has turned by {}", _turn, fasten),
+        ("camera_turned", [0, 1, 2, 3], by_turn, SETTINGS.turn_rad, -1.0, "the camera has turned by {}", _turn, fasten),
     )
     ends = np.cumsum([0, *map(len, witness.problem.seen_at_lens)])
     tips = witness.problem.tips
@@ -563,10 +564,10 @@ def _since(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
 
             alter, by = _changed(which, later, axes), partial(slopes, which=which, axes=axes)
             prior_std = (std,) * axes.shape[1]
-            yield _Mistake(alter, says, prior_std, s.mistake - less + log_odds, slopes=by)
+            yield _Mistake(alter, says, prior_std, SETTINGS.mistake - less + log_odds, slopes=by)
 
 
-def _camera(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
+def _camera(witness: Witness) -> Iterator[_Mistake]:
     """Hypotheses of a camera that was moved or refocused, or of pictures that were cropped, between those that plane C
     was found from and the antenna's."""
     again = "take both again, one after the other, with nothing touched in between"
@@ -583,7 +584,7 @@ def _camera(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
         )
         return Diagnosis("camera_moved", words, again, "wrong")
 
-    yield _Mistake(moved, motion, (s.camera_rad,) * 3 + (s.camera_m,) * 3, s.mistake)
+    yield _Mistake(moved, motion, (SETTINGS.camera_rad,) * 3 + (SETTINGS.camera_m,) * 3, SETTINGS.mistake)
 
     camera = witness.problem.prior.camera
     middle = (0.5 * (np.array(camera.image_size) - 1.0) - camera.matrix[:2, 2]) / np.diag(camera.matrix)[:2]
@@ -603,7 +604,7 @@ def _camera(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
         )
         return Diagnosis("refocused", words, f"switch autofocus and zoom off; {again}", "wrong")
 
-    yield _Mistake(partial(enlarged, about=np.zeros(2)), focus, (s.focal,), s.mistake)
+    yield _Mistake(partial(enlarged, about=np.zeros(2)), focus, (SETTINGS.focal,), SETTINGS.mistake)
 
     def cropped(problem: Problem, v: np.ndarray) -> Problem:
         by_focal = np.zeros(len(camera.parameters))
@@ -623,10 +624,10 @@ def _camera(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
             )
             return Diagnosis("picture_cropped", words, "take all pictures in the same mode, uncropped", "wrong")
 
-        yield _Mistake(alter, crop, (s.crop,), s.mistake)
+        yield _Mistake(alter, crop, (SETTINGS.crop,), SETTINGS.mistake)
 
 
-def _antenna(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
+def _antenna(witness: Witness) -> Iterator[_Mistake]:
     """Hypotheses of bow, a compliant clamp, and a whisker that is not uniform along or around itself."""
     length, loaded = witness.problem.length_m, bool(witness.loads)
 
@@ -647,7 +648,7 @@ def _antenna(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
             "straighten or replace the whisker, or set it with its bow in plane C, and check gravity_world",
         )
 
-    yield _Mistake(shifted([4, 5]), bowed, (0.5 / length,) * 2, s.mistake)
+    yield _Mistake(shifted([4, 5]), bowed, (0.5 / length,) * 2, SETTINGS.mistake)
     if not loaded:
         return
 
@@ -659,7 +660,8 @@ def _antenna(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
             "clamp it over a longer piece, between metal, and check where the distances are measured from",
         )
 
-    yield _Mistake(shifted([8]), soft, (s.give_m,), s.rare, within=lambda fit: bool(fit.parameters[14] > 0))
+    gives = (SETTINGS.give_m,)
+    yield _Mistake(shifted([8]), soft, gives, SETTINGS.rare, within=lambda fit: bool(fit.parameters[14] > 0))
 
     def uneven(fit: RigFit) -> Diagnosis:
         side = "y" if fit.values[0] > 0 else "z"
@@ -670,12 +672,10 @@ def _antenna(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
             "is the whisker round? EI is the mean of both",
         )
 
-    yield _Mistake(
-        lambda problem, v: replace(problem, uneven=_uneven(problem, [v[0], 0, 0])), uneven, (s.uneven,), s.rare
-    )
+    yield _Mistake(partial(_with_uneven, [0]), uneven, (SETTINGS.uneven,), SETTINGS.rare)
 
     def changes(softer: float) -> Diagnosis:
-        """The alteration by a compliance that varies along the antenna; softer : towards its tip."""
+        """The diagnosis of a compliance that varies along the antenna; softer : towards its tip."""
         side, ratio = "softer" if softer > 1.0 else "stiffer", max(softer, 1.0 / softer)
         words = f"the antenna is about {ratio:.1f} times {side} half way to its tip than"
         if witness.problem.prior.taper:
@@ -695,39 +695,37 @@ def _antenna(witness: Witness, s: SessionSettings) -> Iterator[_Mistake]:
         return changes(half / clamp)
 
     def thinned(problem: Problem, v: np.ndarray) -> Problem:
-        log_tip = float(np.clip(v[0], -s.thinnest, s.thinnest))
+        log_tip = float(np.clip(v[0], -SETTINGS.thinnest, SETTINGS.thinnest))
         return replace(problem, prior=replace(problem.prior, taper=problem.prior.taper.thinned(log_tip)))
 
     yield _Mistake(
         thinned,
         lambda fit: changes((0.5 + 0.5 * float(np.exp(fit.values[0]))) ** -4),
-        (s.cone,),
-        s.rare,
-        within=lambda fit: bool(abs(fit.values[0]) < s.thinnest),
+        (SETTINGS.cone,),
+        SETTINGS.rare,
+        within=lambda fit: bool(abs(fit.values[0]) < SETTINGS.thinnest),
     )
 
-    yield _Mistake(
-        lambda problem, v: replace(problem, uneven=_uneven(problem, [0, *v])),
-        varies,
-        (s.profile, 0.5 * s.profile),
-        s.rare,
-    )
+    yield _Mistake(partial(_with_uneven, [1, 2]), varies, (SETTINGS.profile, 0.5 * SETTINGS.profile), SETTINGS.rare)
 
 
-def _uneven(problem: Problem, by: Sequence[float]) -> np.ndarray:
-    return np.array(by, float) + (0.0 if problem.uneven is None else problem.uneven)
+def _with_uneven(which: Sequence[int], problem: Problem, v: np.ndarray) -> Problem:
+    """The problem with some of its three numbers of unevenness changed."""
+    uneven = problem.uneven.copy()
+    uneven[which] += v
+    return replace(problem, uneven=uneven)
 
 
 # ---- single pictures
 
 
-def _touched(witness: Witness, s: SessionSettings, index: int, less: float) -> Iterator[_Mistake]:
+def _touched(witness: Witness, index: int, less: float) -> Iterator[_Mistake]:
     """Hypothesis of a no-load frame in which something pushes the antenna."""
     length, observations = witness.problem.length_m, witness.problem.observations
     stiffness = float(np.exp(witness.problem.prior.mean[6]))
     frame, pushes = observations[index].still, []
     for part in (0.35, 0.6, 0.95):
-        std = 3.0 * stiffness * s.touch * length / (part * length) ** 3 * part**2
+        std = 3.0 * stiffness * SETTINGS.touch * length / (part * length) ** 3 * part**2
 
         def touched(problem: Problem, v: np.ndarray, part: float = part) -> Problem:
             load = Load(
@@ -745,12 +743,12 @@ def _touched(witness: Witness, s: SessionSettings, index: int, less: float) -> I
                 "wrong",
             )
 
-        pushes.append(_Mistake(touched, says, (std, std), s.mistake - less - 1.1))
+        pushes.append(_Mistake(touched, says, (std, std), SETTINGS.mistake - less - 1.1))
     # where along the antenna hardly shows
     yield max(pushes, key=lambda one: witness.forecast(one.alter, one.prior_std)[0])
 
 
-def _left_out(witness: Witness, s: SessionSettings, index: int) -> _Mistake:
+def _left_out(witness: Witness, index: int) -> _Mistake:
     """Hypothesis of a picture that contradicts all others for an unknown reason."""
     observations = witness.problem.observations
 
@@ -765,10 +763,10 @@ def _left_out(witness: Witness, s: SessionSettings, index: int) -> _Mistake:
         "check the row, that the picture belongs to it, and that its line is the antenna",
         "wrong",
     )
-    return _Mistake(alter, lambda fit: likely, (), s.rare)
+    return _Mistake(alter, lambda fit: likely, (), SETTINGS.rare)
 
 
-_TABLE: tuple[Callable[[Witness, SessionSettings], Iterator[_Mistake]], ...] = (
+_TABLE: tuple[Callable[[Witness], Iterator[_Mistake]], ...] = (
     _lengths,
     _all_loads,
     _materials,
@@ -780,52 +778,50 @@ _TABLE: tuple[Callable[[Witness, SessionSettings], Iterator[_Mistake]], ...] = (
 """Mistakes that concern a session; those of single rows follow where rows contradict the others."""
 
 
-def _single(witness: Witness, s: SessionSettings, reported: float) -> Iterator[_Mistake]:
+def _single(witness: Witness, reported: float) -> Iterator[_Mistake]:
     """Hypotheses of mistakes in single rows and pictures, among those without which the fit improves."""
     observations = witness.problem.observations
-    suspects, gross = [], witness.reported is None or witness.reported.scale > s.gross
+    suspects, gross = [], witness.reported is None or witness.reported.scale > SETTINGS.gross
     for index in range(len(observations)):
-        out = _left_out(witness, s, index)
-        gain = witness.forecast(out.alter)[0] - reported + witness.settings.left_out
-        if gain > 0.7 * s.misfit or gross:
+        out = _left_out(witness, index)
+        gain = witness.forecast(out.alter)[0] - reported + SETTINGS.left_out
+        if gain > 0.7 * SETTINGS.misfit or gross:
             suspects.append(index)
             yield out
     less = float(np.log(len(observations)))
-    rough: list[_Mistake] = list(_exchanges(witness, s, suspects))
+    rough: list[_Mistake] = list(_exchanges(witness, suspects))
     for index in suspects:
         if isinstance(observations[index].still, Load):
-            yield from _one_load(witness, s, index, less)
-            rough += _slips(witness, [index], s.mistake - less)
+            yield from _one_load(witness, index, less)
+            rough += _slips(witness, [index], SETTINGS.mistake - less)
         else:
-            yield from _touched(witness, s, index, less)
+            yield from _touched(witness, index, less)
     rough.sort(key=lambda cause: witness.forecast(cause.alter, roughly=True)[0] + cause.log_prior, reverse=True)
-    yield from rough[: s.tried]
+    yield from rough[: SETTINGS.tried]
 
 
-def _explanations(
-    witness: Witness, s: SessionSettings = SETTINGS, least: float = DecisionSettings().least_log_odds
-) -> Iterator[Explanation[Witness]]:
+def _explanations(witness: Witness) -> Iterator[Explanation[Witness]]:
     """Explanations that fit the pictures better than the reports do, with their log odds."""
     reported = witness.reported
     base = -1e6 if reported is None else reported.log_likelihood
-    excess = -base - witness.settings.usual_cost * len(witness.problem.observations)
+    excess = -base - SETTINGS.usual_cost * len(witness.problem.observations)
     ranked = []
-    causes = [cause for row in _TABLE for cause in row(witness, s)]
-    if excess > s.misfit:
-        causes += _single(witness, s, base)
-    widely = reported is None or reported.contradicted > 1 or reported.prior_cost > s.misfit
+    causes = [cause for row in _TABLE for cause in row(witness)]
+    if excess > SETTINGS.misfit:
+        causes += _single(witness, base)
+    widely = reported is None or reported.contradicted > 1 or reported.prior_cost > SETTINGS.misfit
     for cause in causes:
-        if cause.gross and not (excess > s.misfit and (widely or cause.single)):
+        if cause.gross and not (excess > SETTINGS.misfit and (widely or cause.single)):
             continue
         found, at = witness.forecast(cause.alter, cause.prior_std, slopes=cause.slopes)
         forecast = found - base + cause.log_prior
-        if forecast > least - (s.by_moments if cause.moments else s.hopeless):
+        if forecast > DecisionSettings.least_log_odds - (SETTINGS.by_moments if cause.moments else SETTINGS.hopeless):
             ranked.append((forecast, cause, at))
     ranked.sort(key=lambda one: one[0], reverse=True)
     moments = None if reported is None else _moments_of(witness, reported)
     best = base
-    for _, cause, at in ranked[: s.tried]:
-        fit = witness.fit(cause.alter, cause.prior_std, at, best - s.behind)
+    for _, cause, at in ranked[: SETTINGS.tried]:
+        fit = witness.fit(cause.alter, cause.prior_std, at, best - SETTINGS.behind)
         if fit is None or not cause.within(fit):
             continue
         best = max(best, fit.log_likelihood)
@@ -845,10 +841,10 @@ def _moments_of(witness: Witness, fit: RigFit) -> float:
     return readings.log_likelihood(0.0, any_gain, offset_std_Nm=spread)[0]
 
 
-def _sensor_diagnoses(readings: MomentReadings, s: SessionSettings = SETTINGS) -> list[Diagnosis]:
+def _sensor_diagnoses(readings: MomentReadings) -> list[Diagnosis]:
     """Diagnoses of the moment sensor, the likeliest first."""
-    seen = np.isfinite(readings.read).all() and np.ptp(readings.true) >= s.seen_std * readings.std_Nm
-    if len(readings.read) < s.fewest or not seen:
+    seen = np.isfinite(readings.read).all() and np.ptp(readings.true) >= SETTINGS.seen_std * readings.std_Nm
+    if len(readings.read) < SETTINGS.fewest or not seen:
         return []
     return diagnose(readings, SENSOR)
 

@@ -31,32 +31,26 @@ LENGTH_UNITS = (
 """The same of a distance, in metres."""
 
 
+# slopes at a load, by the linear beam, that nobody bends an antenna by on purpose, and that no picture resolves well: a
+# tenth of a millimetre at 150 mm
+_STEEP_RAD, _FLAT_RAD = 1.2, 1e-3
+
+
 def weighed(load: Load) -> float:
     """Magnitude of a load's force, N."""
     return float(np.hypot(load.force_y_N, load.force_z_N))
 
 
-def _row_name(index: int, load: Load) -> str:
-    """Name of a row of loads.csv, counted from 1."""
-    return f"row {index + 1}" + (f" ({load.image.name})" if load.image else "")
-
-
 def rows_name(rows: Sequence[tuple[int, Load]], count: int = 0) -> str:
-    """Name of several rows of loads.csv, which has `count` loads; 0 if that is unknown."""
+    """Name of several rows of loads.csv (counted from 1 there), which has `count` loads; 0 if that is unknown."""
     if len(rows) == count > 1:
         return f"all {count} rows of loads.csv"
-    more = f" and {len(rows) - 4} more" if len(rows) > 4 else ""
-    return "loads.csv " + ", ".join(_row_name(index, load) for index, load in rows[:4]) + more
+    names = [f"row {index + 1}" + (f" ({load.image.name})" if load.image else "") for index, load in rows[:4]]
+    return "loads.csv " + ", ".join(names) + (f" and {len(rows) - 4} more" if len(rows) > 4 else "")
 
 
-def typed_load_diagnoses(
-    loads: Sequence[Load], antenna: NominalAntenna, steep_rad: float = 1.2, flat_rad: float = 1e-3
-) -> list[Diagnosis]:
-    """Diagnoses of typed loads that are impossible for the nominal antenna.
-
-    steep_rad, flat_rad : slopes at the load, by the linear beam, that nobody bends an antenna by on purpose, and that
-    no picture resolves well: a tenth of a millimetre at 150 mm.
-    """
+def typed_load_diagnoses(loads: Sequence[Load], antenna: NominalAntenna) -> list[Diagnosis]:
+    """Diagnoses of typed loads that are impossible for the nominal antenna."""
     rows, length_m, found = list(enumerate(loads)), antenna.length_m, []
     inside = [(index, load) for index, load in rows if 0 < load.distance_m <= length_m]
     beyond = [row for row in rows if row not in inside]
@@ -80,10 +74,10 @@ def typed_load_diagnoses(
         name = rows_name(which, len(rows))
         return f"{name}: {weighed(load):.4g} N at {1e3 * load.distance_m:{digits}} mm would", tip_mm
 
-    steep = [row for row in inside if slope_rad(row) > steep_rad]
+    steep = [row for row in inside if slope_rad(row) > _STEEP_RAD]
     if steep:
         worst = max(steep, key=slope_rad)
-        likely = [(how, f) for how, f in FORCE_UNITS[:3] if 0.01 < f * slope_rad(worst) < steep_rad / 2]
+        likely = [(how, f) for how, f in FORCE_UNITS[:3] if 0.01 < f * slope_rad(worst) < _STEEP_RAD / 2]
         likely.sort(key=lambda unit: abs(np.log(unit[1] * slope_rad(worst) / 0.2)))
         guess = " or ".join(f"{how} it would be {factor * weighed(worst[1]):.3g} N" for how, factor in likely)
         words, tip_mm = described(worst, steep, ".0f")
@@ -93,7 +87,7 @@ def typed_load_diagnoses(
         )
         remedy = (f"given {guess}. " if guess else "") + "Give newtons (grams · 0.00981), or check the diameter"
         found.append(Diagnosis("load_force_unit", words, remedy, "wrong"))
-    flat = [row for row in inside if slope_rad(row) < flat_rad]
+    flat = [row for row in inside if slope_rad(row) < _FLAT_RAD]
     if flat:
         words, tip_mm = described(min(flat, key=slope_rad), flat, ".3g")
         remedy = "give newtons, not kilonewtons or kilograms, and metres; or hang more weight farther out"

@@ -19,10 +19,10 @@ from vbaa_calib.core.least_squares import SQUARES, Linearised, Rules, minimise
 from vbaa_calib.core.robust import huber_weights, mad_std
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig.reprojection import ImageCurves, SeenPoints, feet, image_curves, see
-from vbaa_calib.session import READINGS, Load, Session, Still
+from vbaa_calib.session import READINGS, Load, Session
 
 from .sensor import MomentReadings
-from .settings import SETTINGS, SessionSettings
+from .settings import SETTINGS
 
 Alteration = Callable[[Problem, np.ndarray], Problem]
 """Of a problem and values (K,), the problem as it were if a mistake of these values were put right."""
@@ -70,17 +70,16 @@ class RigFit:
         return np.sqrt(np.diag(self.covariance))
 
 
-def _condensed(problem: Problem, parameters: np.ndarray, settings: SessionSettings = SETTINGS) -> Problem:
+def _condensed(problem: Problem, parameters: np.ndarray) -> Problem:
     """The problem with a few independent points for each picture, which say as much of a smooth curve as all of them.
 
     A polynomial is fitted to the distances of a picture's points from the antenna with these parameters, with or
     without its reported load, whichever is nearer; its values at Gauss nodes are the points.
     """
-    count = settings.points
+    count = SETTINGS.points
     nodes, weights = legendre.leggauss(count)
     view = problem.pose(parameters).inverse()
-    unloaded = [replace(one, still=_without_load(one.still)) for one in problem.observations]
-    some = [problem, replace(problem, observations=unloaded)]
+    some = (problem, problem.unloaded)
     images = [image_curves(one.curves(parameters[None, ANTENNA]), view) for one in some]
     distances = [
         min((_Distances.of(seen, image, index, count - 1) for image in images), key=lambda one: one.scatter)
@@ -92,15 +91,11 @@ def _condensed(problem: Problem, parameters: np.ndarray, settings: SessionSettin
     kinds = max(len({one.loaded for one in problem.observations}), 1)
     alike = sum(one.shared for one in problem.observations) / kinds
     scatter *= max(float(np.sqrt(alike)), 1.0)
-    common = settings.common**2
+    common = SETTINGS.common**2
     seen = [one.at(nodes, scatter * np.sqrt(2.0 / (len(one.t) * weights) + common)) for one in distances]
     found = replace(problem, seen_at_lens=seen, noise_scale=1.0, known_axes=None, known_light=None, places=nodes)
     axes = found.line_axes() if problem.prior.drift.line_px else None
     return replace(found, known_axes=axes, known_light=found.light_modes())
-
-
-def _without_load(frame: Still) -> Still:
-    return replace(frame, force_y_N=0.0, force_z_N=0.0) if isinstance(frame, Load) else frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,7 +211,6 @@ class Witness:
     moment_std_Nm: float
     starts: tuple[np.ndarray, ...]
     before: Prior
-    settings: SessionSettings = SETTINGS
 
     @staticmethod
     def of(
@@ -224,29 +218,28 @@ class Witness:
         kinematics: Kinematics,
         observations: Sequence[Observation],
         before: Prior,
-        settings: SessionSettings = SETTINGS,
     ) -> Witness:
         """The witness of observations as reported. Raises SolveError."""
         prior_std = before.std.copy()
-        prior_std[6] = min(prior_std[6], settings.log_stiffness_std)
+        prior_std[6] = min(prior_std[6], SETTINGS.log_stiffness_std)
         std_Nm = session.moment_std_Nm
         whole = Problem.of(
             observations,
             replace(before, std=prior_std, sensor=None, sensor_std=np.zeros(0)),
             session.antenna.length_m,
-            settings.sensor_off * std_Nm,
+            SETTINGS.sensor_off * std_Nm,
         )
         whole = _with_tips(whole, before.camera)
-        witness = Witness(session, kinematics, whole, whole, std_Nm, (whole.begin,), before, settings)
+        witness = Witness(session, kinematics, whole, whole, std_Nm, (whole.begin,), before)
         free = np.array([not isinstance(one.still, Load) for one in observations])
         try:
             if free.any() and not free.all():
                 # a wrong load must not affect what the free antenna says
-                alone = replace(witness, problem=replace(_condensed(whole, whole.begin, settings), kept=free)).fit()
+                alone = replace(witness, problem=replace(_condensed(whole, whole.begin), kept=free)).fit()
                 witness = witness if alone is None else replace(witness, starts=(alone.parameters, whole.begin))
             others = witness.starts
             for _ in range(2):
-                witness = replace(witness, problem=_condensed(whole, witness.starts[0], settings))
+                witness = replace(witness, problem=_condensed(whole, witness.starts[0]))
                 fit = witness.reported
                 if fit is None:
                     break
@@ -259,7 +252,7 @@ class Witness:
         """The witness with a fitted mistake corrected."""
         whole = alter(self.whole, fit.values)
         starts = (fit.parameters, *self.starts[1:])
-        return replace(self, whole=whole, problem=_condensed(whole, fit.parameters, self.settings), starts=starts)
+        return replace(self, whole=whole, problem=_condensed(whole, fit.parameters), starts=starts)
 
     @property
     def loads(self) -> list[tuple[int, Load]]:
@@ -270,7 +263,7 @@ class Witness:
     def reported(self) -> RigFit | None:
         """The fit with everything as reported."""
         found = self.fit()
-        if found is None or found.scale < self.settings.gross:
+        if found is None or found.scale < SETTINGS.gross:
             return found
         others = [replace(self, starts=(start,)).fit() for start in self.starts]
         return max((one for one in (found, *others) if one is not None), key=lambda one: one.log_likelihood)
@@ -295,7 +288,7 @@ class Witness:
             return None
         upper = np.concatenate([self.problem.upper, np.full(len(std), np.inf)])
         scatter = _scatter(now)
-        if scatter > self.settings.far_off:
+        if scatter > SETTINGS.far_off:
             # where most points are far off, which pictures are wrong does not show yet
             even = np.full(len(now.residuals) - now.certain, scatter**-2)
 
@@ -306,7 +299,7 @@ class Witness:
             end = minimise(roughly, _weighted(now, even), replace(_RULES, iterations=6), upper)[0]
             now = self._evaluated(alter, std, end.parameters) or now
         evaluate = partial(self._evaluated, alter, std)
-        now, promise, more = minimise(evaluate, now, replace(_RULES, iterations=self.settings.tries), upper)
+        now, promise, more = minimise(evaluate, now, replace(_RULES, iterations=SETTINGS.tries), upper)
         if more and promise - self._cost(now) > least:
             now = minimise(evaluate, now, _RULES, upper)[0]
         occam = 0.0
@@ -319,8 +312,8 @@ class Witness:
 
     def _cost(self, now: Linearised) -> float:
         """Negative log likelihood."""
-        missing = len(self.problem.kept) - (len(now.residuals) - now.certain) // self.settings.points
-        cost = now.cost + self.settings.left_out * missing
+        missing = len(self.problem.kept) - (len(now.residuals) - now.certain) // SETTINGS.points
+        cost = now.cost + SETTINGS.left_out * missing
         return float(cost) if np.isfinite(cost) else np.inf
 
     def _evaluated(self, alter: Alteration, std: np.ndarray, at: np.ndarray) -> Linearised | None:
@@ -365,7 +358,7 @@ class Witness:
         std = np.array(prior_std, float)
         if roughly or (len(std) and self.reported is not None):
             # where little fits, the reports' own solution leads nowhere
-            lost = self.reported is None or self.reported.scale > self.settings.gross
+            lost = self.reported is None or self.reported.scale > SETTINGS.gross
             some = self._begun if lost or self.reported is None else [self.reported.solution]
             every = [self._augmented(one, alter, std, slopes) for one in some]
         else:
@@ -377,7 +370,7 @@ class Witness:
     def _stepped(self, now: Linearised, std: np.ndarray) -> tuple[float, np.ndarray]:
         """Log likelihood and parameters at the minimum, to first order."""
         after, count = now, len(now.residuals) - now.certain
-        for _ in range(self.settings.rounds):
+        for _ in range(SETTINGS.rounds):
             weighted = _weighted(now, _weights(after.residuals[:count]))
             step = weighted.step(0.0)[0]
             after = replace(now, parameters=now.parameters + step, residuals=now.residuals + now.jacobian @ step)
@@ -451,10 +444,10 @@ class Witness:
                 channel = before.sensor.components.index(name)
                 true = read + before.sensor.std[channel] * off[:, channel]
                 rows = slopes[:, channel] * before.sensor.std[channel]
-            known = [rows[:, : len(root)] @ root, rows[:, turned], self.settings.moment_relative * np.diag(true)]
+            known = [rows[:, : len(root)] @ root, rows[:, turned], SETTINGS.moment_relative * np.diag(true)]
             whole = self._readings(problem.observations, read, true, np.hstack(known), sensor.std(name))
             force = name.startswith("f")
-            found[column] = replace(whole, offset_std_Nm=self.settings.offset_std_N) if force else whole
+            found[column] = replace(whole, offset_std_Nm=SETTINGS.offset_std_N) if force else whole
         return found
 
     def moments(self, fit: RigFit) -> MomentReadings:
@@ -467,7 +460,7 @@ class Witness:
         slopes[:, [GAIN, OFFSET]] = 0.0
         root = slopes @ fit.solution.covariance_root()[: len(fit.parameters)]
         # what no model of antenna and sensor is better than
-        root = np.hstack([root, self.settings.moment_relative * np.diag(evaluated.moments[:, 0])])
+        root = np.hstack([root, SETTINGS.moment_relative * np.diag(evaluated.moments[:, 0])])
         read, true = np.array([one.still.moment_Nm for one in observations]), evaluated.moments[:, 0]
         about_z = _about_z(problem.curves(fit.parameters[None, ANTENNA]), observations, fit.parameters)
         return replace(self._readings(observations, read, true, root, self.moment_std_Nm), about_z=about_z)

@@ -94,7 +94,7 @@ class Problem:
     tips_at_lens: SeenPoints | None = None
     changes: np.ndarray | None = None  # (F, 9) by which the antenna differs in each observation
     # (3,) logarithm of the compliance to z over that to y, and how it changes along the antenna: see `_unevenly_bent`
-    uneven: np.ndarray | None = None
+    uneven: np.ndarray = field(default_factory=lambda: np.zeros(3))
     places: np.ndarray | None = None  # (N,) of every picture's points along its line, −1 to 1; None: evenly
     thinner: float = 0.0  # error of the taper, in deviations, with which shapes are bent
     misread: np.ndarray | None = None  # (K,) errors of the readings in `observations`, with which shapes are bent
@@ -110,6 +110,15 @@ class Problem:
         kept, at = np.ones(count, bool), np.zeros(groups.count)
         blank = Problem(observations, prior, (), np.zeros(0), length_m, moment_std_Nm, 1.0, kept, groups, at)
         return blank.relinearised(blank.begin)
+
+    @property
+    def unloaded(self) -> Problem:
+        """The problem with loads of 0 N; the node `CONTACT` stays at the load's place."""
+        bare = [
+            replace(one, still=replace(one.still, force_y_N=0.0, force_z_N=0.0)) if isinstance(one.still, Load) else one
+            for one in self.observations
+        ]
+        return replace(self, observations=bare)
 
     def over(self, observations: Sequence[Observation]) -> Problem:
         """The same rig's problem for other static frames, for forecasts: loads and lines are exact and nothing is
@@ -258,8 +267,7 @@ class Problem:
         places (B / each,) and of forces (B / each, 2)."""
         if self.changes is not None:
             parameters = parameters + self.changes[which]
-        uneven = np.zeros(3) if self.uneven is None else self.uneven
-        factor = np.exp(uneven[0] * np.array([-0.5, 0.5]))
+        factor = np.exp(self.uneven[0] * np.array([-0.5, 0.5]))
         curves = bend(
             parameters,
             self.length_m,
@@ -271,9 +279,9 @@ class Problem:
             taper=self.prior.taper.thinned(self.prior.log_tip_std * self.thinner),
             diameter_m=self.prior.diameter_m,
         )
-        if not uneven.any():
+        if not self.uneven.any():
             return curves
-        return _unevenly_bent(replace(curves, moment_Nm=curves.moment_Nm / factor[1]), parameters, uneven[1:])
+        return _unevenly_bent(replace(curves, moment_Nm=curves.moment_Nm / factor[1]), parameters, self.uneven[1:])
 
     @cached_property
     def _gravity(self) -> np.ndarray:

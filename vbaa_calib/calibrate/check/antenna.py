@@ -51,22 +51,11 @@ class CheckedStill:
     moment_std_Nm: float  # of that, by the sensor's noise and the uncertainty of place and weight
     deflection_m: float  # predicted at the load, against the free antenna; 0 without a load
 
-    @property
-    def has_moment(self) -> bool:
-        """Whether the picture has a reading of the moment sensor."""
-        return bool(np.isfinite(self.still.moment_Nm))
-
     def common(self) -> dict[str, Any]:
         """The entry of check.json that every picture has: its name, and its points' rms residual in standard
         deviations."""
         name = self.still.image.name if self.still.image else "?"
         return {"image": name, "rms_std": float(np.sqrt((self.residuals[_POINTS] ** 2).mean()))}
-
-
-def _without_load(one: Observation) -> Observation:
-    """The observation with a load of 0 N; its node `CONTACT` stays at the load's place."""
-    bare = replace(one.still, force_y_N=0.0, force_z_N=0.0) if isinstance(one.still, Load) else one.still
-    return replace(one, still=bare)
 
 
 def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadReadings = EXACT) -> list[CheckedStill]:
@@ -85,7 +74,7 @@ def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadRe
     problem = Problem.of(observations, prior, rig.antenna.length_m, sensor.std_Nm)
     problem, at = replace(problem, noise_scale=noise), problem.begin
     curves = problem.curves(at[None, ANTENNA])
-    free = replace(problem, observations=list(map(_without_load, observations))).curves(at[None, ANTENNA])
+    free = problem.unloaded.curves(at[None, ANTENNA])
     deflections_m = np.linalg.norm(curves.points_m[:, CONTACT] - free.points_m[:, CONTACT], axis=1)
     std, checked = np.array([readings.distance_std_m, readings.force_std_relative]), []
     rows = zip(observations, problem.by_still(at), problem.whitened_by_load(at), strict=True)
@@ -151,7 +140,7 @@ def check_antenna(
     if stiffness.evidence is not None:
         stiffness = replace(stiffness, words=f"{stiffness.words}, by {len(loaded)} load{'s' * (len(loaded) > 1)}")
     changed += [LOG_STIFFNESS] if stiffness.is_bad else []
-    read = [one for one in free if one.has_moment]
+    read = [one for one in free if np.isfinite(one.still.moment_Nm)]
     zero = _information(read, slice(-1, None), count)  # by the moments
     document = {
         "noload": [_free_row(rig.antenna.length_m, one) for one in free],
