@@ -176,7 +176,7 @@ def said(drawn: CleanSession) -> tuple[list[str], Rig]:
     joint = solve_antenna(drawn.session, drawn.observations, drawn.before)
     rig = make_rig(drawn.session, Kinematics(), joint, drawn.observations)
     diagnoses = still_diagnoses(drawn.session, Kinematics(), joint)
-    found = diagnoses + prior_doubts(joint, diagnoses) + row_doubts(joint)
+    found = diagnoses + prior_doubts(joint, diagnoses) + row_doubts(joint, ())
     # a gain of its own is no fault of a sensor
     return [f"{one.name}: {one}" for one in found if one.severity != "note"], rig
 

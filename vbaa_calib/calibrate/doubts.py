@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from .pipeline import Calibration
 
 
-def _row_doubts(joint: BundleAdjustment, explained: Sequence[Diagnosis] = ()) -> list[Diagnosis]:
+def _row_doubts(joint: BundleAdjustment, explained: Sequence[Diagnosis]) -> list[Diagnosis]:
     """Diagnoses of rows and stretches of lines that bundle adjustment excluded, except in pictures that another
     diagnosis names."""
     found, named = [], "\n".join(one.words for one in explained)
@@ -41,11 +41,9 @@ def _row_doubts(joint: BundleAdjustment, explained: Sequence[Diagnosis] = ()) ->
     return found
 
 
-def prior_doubts(
-    joint: BundleAdjustment, explained: Sequence[Diagnosis] = (), significant_std: float = 4.0
-) -> list[Diagnosis]:
-    """Diagnoses where the pictures contradict the priors of plane C or the clamp by at least `significant_std`
-    standard deviations; none where another diagnosis may explain it."""
+def prior_doubts(joint: BundleAdjustment, explained: Sequence[Diagnosis]) -> list[Diagnosis]:
+    """Diagnoses where the pictures contradict the priors of plane C, or of the clamp by four standard deviations; none
+    where another diagnosis may explain it."""
     if any(one.severity != "note" for one in explained):
         return []
     problem, found = joint.problem, []
@@ -58,18 +56,18 @@ def prior_doubts(
             found.append(Diagnosis("pictures_contradict_pose", words, remedy))
     known = problem.prior.mean[:6], problem.prior.std[:6]
     for name, value, mean, std in zip(PARAMETERS[:6], joint.parameters[6:12], *known, strict=True):
-        if abs(value - mean) > significant_std * std:
+        if abs(value - mean) > 4.0 * std:
             words = f"{name} is {value:.3g}, {abs(value - mean) / std:.1f} times what a careful builder misses it by"
             remedy = "is plane C right, and the antenna straight in its clamp?"
             found.append(Diagnosis(f"{name}_implausible", words, remedy))
     return found
 
 
-def _weightless(session: Session, sag_m: float = 1e-4) -> list[Diagnosis]:
-    """Diagnosis of a session without gravity in which the antenna would sag by more than `sag_m`."""
+def _weightless(session: Session) -> list[Diagnosis]:
+    """Diagnosis of a session without gravity in which the antenna would sag by more than 0.1 mm."""
     nominal = session.antenna
     own_m = nominal.mass_per_length_kg_m * STANDARD_GRAVITY_M_S2 * nominal.length_m**4 / (8.0 * nominal.stiffness_Nm2)
-    if session.gravity_world_m_s2.any() or own_m <= sag_m:
+    if session.gravity_world_m_s2.any() or own_m <= 1e-4:
         return []
     words = (
         f"the session is weightless, where its weight would bend the antenna by {1e3 * own_m:.1f} mm: what the "

@@ -23,7 +23,7 @@ from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
 from vbaa_calib.core.images import list_images, read_gray
 from vbaa_calib.detect.board.corners import BoardView, detect_files, detect_folder
 from vbaa_calib.detect.over_board.line import LineEnd
-from vbaa_calib.diagnose.jig import JigEvidence, jig_diagnoses
+from vbaa_calib.diagnose.jig import SLIPS, JigEvidence, jig_diagnoses
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.geometry.covariance import conditioned
 from vbaa_calib.session import OverBoard, Session, Still, has_over, has_sweep, read_noload, read_sweep
@@ -222,7 +222,7 @@ def is_slip(
     """Whether `jig_causes` found a mistake in session.yaml by the free antenna's lines, and gravity of another
     direction, or none, does not explain them as well."""
     evidence = _jig_evidence(session, camera, plane.jig, plane.estimates)
-    if evidence is None or not any(one.name in evidence.limits.slips for one in found):
+    if evidence is None or not any(one.name in SLIPS for one in found):
         return False
     turned = ([replace(one, gravity_m_s2=by * one.gravity_m_s2) for one in lines] for by in (0.0, -1.0))
     return not any(one.fits(*one.seen[:2]) for one in (replace(evidence, lines=some) for some in turned))

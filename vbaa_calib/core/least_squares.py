@@ -266,19 +266,27 @@ class Linearised:
     loss: Loss = HUBER
 
     @property
+    def measured(self) -> int:
+        """How many of the residuals, the first ones, are the data's."""
+        return len(self.residuals) - self.certain
+
+    @property
     def weights(self) -> np.ndarray:
         """(R,) factors on residuals and Jacobian that turn the robust cost into least squares."""
-        measured = len(self.residuals) - self.certain
         _, weights = self.loss
-        return np.concatenate([np.sqrt(weights(self.residuals[:measured])), np.ones(self.certain)])
+        return np.concatenate([np.sqrt(weights(self.residuals[: self.measured])), np.ones(self.certain)])
+
+    @property
+    def prior_cost(self) -> float:
+        """Half the squares of the priors' residuals."""
+        prior = self.residuals[self.measured :]
+        return 0.5 * float(prior @ prior)
 
     @property
     def cost(self) -> float:
         """The cost: the robust loss of the data residuals plus half the squares of the priors'."""
-        measured = len(self.residuals) - self.certain
-        prior = self.residuals[measured:]
         losses, _ = self.loss
-        return float(losses(self.residuals[:measured]).sum()) + 0.5 * float(prior @ prior)
+        return float(losses(self.residuals[: self.measured]).sum()) + self.prior_cost
 
     @property
     def is_finite(self) -> bool:

@@ -32,15 +32,17 @@ from vbaa_calib.session import Session, Still, gravity_antenna
 
 from .decision import Explanation, decide, joined
 
+SLIPS = (
+    *(f"jig_{what}" for what in ("unit", "sign", "axes_exchanged", "turned", "rotation_order", "inverse")),
+    *("pictures_mirrored", "pictures_turned"),
+)
+"""Names of mistakes in session.yaml, and of pictures, that are not off by an amount."""
+
 
 @dataclass(frozen=True)
 class _JigSettings:
     """Thresholds and priors of mistakes in the jig's entry, and of changes since its picture."""
 
-    slips: tuple[str, ...] = (  # names of mistakes in session.yaml, and of pictures, that are not off by an amount
-        *(f"jig_{what}" for what in ("unit", "sign", "axes_exchanged", "turned", "rotation_order", "inverse")),
-        *("pictures_mirrored", "pictures_turned"),
-    )
     log_prior: float = -6.0  # log probability of each slip in session.yaml
     log_prior_change: float = -3.0  # the same of a camera that moved, a refocus, a length: these are commoner
     free_frames: int = 2  # pictures in which the free antenna is looked for by every hypothesis
@@ -95,7 +97,6 @@ class JigEvidence:
     others: Sequence[PoseEstimate] = ()
     free: Sequence[Still] = ()
     lines: Sequence[Observation] | None = None
-    limits: _JigSettings = _JigSettings()
 
     @property
     def reported(self) -> _JigMistake:
@@ -143,13 +144,13 @@ class JigEvidence:
         Within a few standard deviations: nothing that lies elsewhere speaks for the hypothesis.
         """
         pose, session = self.estimate(case).T_antenna_camera, self.session
-        frames = list(self.free[: self.limits.free_frames])
+        frames = list(self.free[: _JigSettings.free_frames])
         pulls = gravity_antenna(session.kinematics, session.gravity_world_m_s2, frames)
         if not frames or not self._in_picture(pose, pulls[0]):
             return []
         images = [_flipped(read_picture(frame.image), case.flips) for frame in frames if frame.image is not None]
         nominal = nominal_parameters(session.antenna)
-        expected = ExpectedAntenna(session.antenna, self.camera, pose, nominal, reaches=self.limits.reaches)
+        expected = ExpectedAntenna(session.antenna, self.camera, pose, nominal, reaches=_JigSettings.reaches)
         try:
             expected = replace(expected, paint=expected.learned(frames, images, list(pulls)))
             seen = [expected.observe(*each) for each in zip(frames, images, pulls, strict=True)]
@@ -163,7 +164,7 @@ class JigEvidence:
         points = free_curve(nominal_parameters(antenna), antenna.length_m, gravity_m_s2, antenna.taper).points_m[0]
         pixels, seen = self.camera.project(T_antenna_camera.inverse() @ points)
         inside = seen & self.camera.in_picture(np.nan_to_num(pixels, nan=-1.0))
-        return bool(inside.mean() >= self.limits.least_inside)
+        return bool(inside.mean() >= _JigSettings.least_inside)
 
     def _flipped(self, lines: Iterable[Observation], flips: tuple[bool, bool]) -> list[Observation]:
         """The lines in the coordinates of mirrored pictures."""
@@ -203,12 +204,12 @@ class JigEvidence:
             points = np.concatenate([scale * one.sigma_px for one in problem.observations])
             off_px = float(np.median(np.abs(first.residuals[: len(points)]) * points)) if first.is_finite else np.inf
             extent_px = float(np.linalg.norm(np.ptp(lines[0].points_px, axis=0)))
-            if off_px > self.limits.far * extent_px:
-                return -self.limits.lost, None, None
+            if off_px > _JigSettings.far * extent_px:
+                return -_JigSettings.lost, None, None
             at, *_ = minimise(problem.linearised, first, Rules(iterations=20, takes_last=True, may_rise=1e-3))
             problem.camera(at.parameters)
         except (SolveError, InputError, ValueError, np.linalg.LinAlgError):
-            return -self.limits.lost, None, None
+            return -_JigSettings.lost, None, None
         weighted = at.jacobian * at.weights[:, None]
         known = sum(float(np.linalg.slogdet(one.covariance)[1]) for one in problem.prior.poses)
         information = 2.0 * float(np.log(np.abs(np.diag(np.linalg.qr(weighted, mode="r")))).sum())
@@ -217,7 +218,7 @@ class JigEvidence:
             by_length = problem.evaluate(at.parameters).by_length
             along = float(np.log1p((problem.prior.tip_std_m or 0.0) ** 2 * by_length @ by_length))
         evidence = -at.cost - 0.5 * (known + information + along)
-        return max(evidence, -self.limits.lost), problem, at
+        return max(evidence, -_JigSettings.lost), problem, at
 
     def _by_ways(self, case: _JigMistake) -> float:
         """Log evidence without pictures of the free antenna: by the other ways to plane C alone."""
@@ -230,15 +231,15 @@ class JigEvidence:
             step = other.T_antenna_camera.tangent_from(one.T_antenna_camera)
             square = Difference((one.way, other.way), step, covariance).statistic
             total -= 0.5 * (square + float(np.linalg.slogdet(covariance)[1]))
-        return max(total, -self.limits.lost)
+        return max(total, -_JigSettings.lost)
 
     def fits(self, lines: Sequence[Observation], scale: float) -> bool:
         """Whether lines and other ways lie so near to what was reported that no explanation could gain more than its
         prior costs."""
         _, problem, solution = self.solved(self.reported, lines, scale)
-        if problem is None or solution is None or scale > self.limits.scattered * self.limits.correlated:
+        if problem is None or solution is None or scale > _JigSettings.scattered * _JigSettings.correlated:
             return False
-        return _cost_of_priors(solution) < self.limits.least_cost
+        return solution.prior_cost < _JigSettings.least_cost
 
     @cached_property
     def seen(self) -> tuple[Sequence[Observation], float, float]:
@@ -248,7 +249,10 @@ class JigEvidence:
         Where they were not found, by the hypothesis that explains best what is found near where it puts them.
         """
         if self.lines is not None:
-            some = [*_some(self.lines, self.limits.some_free, False), *_some(self.lines, self.limits.some_loaded, True)]
+            some = [
+                *_some(self.lines, _JigSettings.some_free, False),
+                *_some(self.lines, _JigSettings.some_loaded, True),
+            ]
             scale = self._scale(self.reported, some)
             return some, scale, self.solved(self.reported, some, scale)[0]
         best: tuple[tuple[int, float], Sequence[Observation], float] = ((0, -np.inf), [], 1.0)
@@ -278,9 +282,9 @@ class JigEvidence:
             return 1.0
         _, problem, solution = self.solved(case, lines, 1.0)
         if problem is None or solution is None:
-            return self.limits.correlated
+            return _JigSettings.correlated
         left = [block[:, 0] for block in problem.evaluate(solution.parameters).points]
-        return self.limits.correlated * max(noise_scale(left), 1.0)
+        return _JigSettings.correlated * max(noise_scale(left), 1.0)
 
     def explanation(self, case: _JigMistake) -> Explanation[JigEvidence]:
         """The explanation of the lines and the other ways by a hypothesis."""
@@ -288,9 +292,9 @@ class JigEvidence:
         if case.loads_rad:
             return self._turned_before_loads(case)
         evidence, problem, solution = self.solved(case, lines, scale)
-        if solution is not None and _cost_of_priors(solution) > self.limits.most_cost:
+        if solution is not None and solution.prior_cost > _JigSettings.most_cost:
             # a line that is somewhere else under every hypothesis is not the antenna
-            evidence = -self.limits.lost
+            evidence = -_JigSettings.lost
         words = case.words
         if "{}" in words:
             words = words.format(self._value(case, problem, solution) if problem or self.others else "an amount")
@@ -303,8 +307,8 @@ class JigEvidence:
         """The explanation by a rotation of the camera between the pictures without and with loads: estimated to
         first order, and again with the loads' lines rotated back."""
         lines, scale, reported = self.seen
-        turn, std_rad, evidence = np.zeros(3), np.full(3, np.nan), -self.limits.lost
-        for _ in range(self.limits.rounds):
+        turn, std_rad, evidence = np.zeros(3), np.full(3, np.nan), -_JigSettings.lost
+        for _ in range(_JigSettings.rounds):
             _, problem, solution = self.solved(case, [self._seen_before(one, turn) for one in lines], scale)
             if problem is None or solution is None:
                 break
@@ -379,12 +383,6 @@ class JigEvidence:
         return f"the antenna would lie {float(np.median(apart)):.0f} px beside where the pictures show it"
 
 
-def _cost_of_priors(solution: Linearised) -> float:
-    """Half the χ² of the prior residuals."""
-    priors = solution.residuals[len(solution.residuals) - solution.certain :]
-    return 0.5 * float(priors @ priors)
-
-
 def _some(lines: Sequence[Observation], count: int, loaded: bool) -> list[Observation]:
     """At most `count` of the lines with or without a load, evenly spaced."""
     alike = [one for one in lines if one.loaded == loaded]
@@ -405,13 +403,13 @@ def _typed(data: JigEvidence) -> Pose:
 def _slips(data: JigEvidence) -> Iterator[_JigMistake]:
     """Hypotheses of mistakes in jig.T_antenna_board: units, signs, exchanged axes, half turns, the inverse pose,
     another order."""
-    typed, key, limits = _typed(data), "jig.T_antenna_board", data.limits
+    typed, key = _typed(data), "jig.T_antenna_board"
     face = typed.inverse() @ data.reported.T_antenna_board
     shift, turn = typed.translation_m, typed.rotation
     remedy = f"mend {key} in session.yaml, then calibrate again"
 
     def case(name: str, words: str, pose: Pose, more: float = 0.0) -> _JigMistake:
-        return _JigMistake(f"jig_{name}", words, remedy, pose @ face, limits.log_prior + more)
+        return _JigMistake(f"jig_{name}", words, remedy, pose @ face, _JigSettings.log_prior + more)
 
     units = {"mm": (1e-3, "m"), "cm": (1e-2, "m"), "inch": (0.0254, "m")}
     for unit, (factor, meant) in units.items():
@@ -465,35 +463,35 @@ def _mirrored_pictures(data: JigEvidence) -> Iterator[_JigMistake]:
         name = "pictures_turned" if all(flips) else "pictures_mirrored"
         words = f"the pictures of the antenna are {words} against the board's"
         remedy = "take them all with the same camera settings, or turn them back"
-        yield _JigMistake(name, words, remedy, data.reported.T_antenna_board, data.limits.log_prior, flips)
+        yield _JigMistake(name, words, remedy, data.reported.T_antenna_board, _JigSettings.log_prior, flips)
 
 
 def _changes(data: JigEvidence) -> Iterator[_JigMistake]:
     """Hypotheses of motions and changes by an unknown amount."""
-    limits, pose = data.limits, data.reported.T_antenna_board
+    pose = data.reported.T_antenna_board
     again = "take the jig's and the antenna's pictures again, one after the other, with nothing touched in between"
     if data.others:
         words = "the board in the jig lies off where jig.T_antenna_board has it, by {}"
         remedy = "measure the jig again, or say in session.yaml how well it is known (jig.translation_std_m)"
-        yield _JigMistake("jig_off", words, remedy, pose, limits.log_prior_change, offset_m=limits.offset_m)
+        yield _JigMistake("jig_off", words, remedy, pose, _JigSettings.log_prior_change, offset_m=_JigSettings.offset_m)
         for index, one in enumerate(data.others):
             words = f"the {one.way} puts the camera off where it is, by {{}}"
             remedy = f"measure what the {one.way} rests on again (kinematics, over.height_m)"
-            case = _JigMistake(f"{one.way.replace(' ', '_')}_off", words, remedy, pose, limits.log_prior_change)
-            yield replace(case, offset_m=limits.offset_m, other=index)
+            case = _JigMistake(f"{one.way.replace(' ', '_')}_off", words, remedy, pose, _JigSettings.log_prior_change)
+            yield replace(case, offset_m=_JigSettings.offset_m, other=index)
     words = "the camera turned by {} between the jig's picture and the antenna's"
-    knocked = _JigMistake("camera_moved", words, again, pose, limits.log_prior_change)
-    yield replace(knocked, turn_rad=limits.camera_rad, move_m=limits.camera_m)
+    knocked = _JigMistake("camera_moved", words, again, pose, _JigSettings.log_prior_change)
+    yield replace(knocked, turn_rad=_JigSettings.camera_rad, move_m=_JigSettings.camera_m)
     if data.lines is not None and 0 < sum(one.loaded for one in data.lines) < len(data.lines):
         words = "the camera turned by {} between the pictures without and those with loads"
         remedy = "fasten the camera, take both again, and the jig's picture with them"
-        yield replace(knocked, words=words, remedy=remedy, loads_rad=limits.loads_rad)
+        yield replace(knocked, words=words, remedy=remedy, loads_rad=_JigSettings.loads_rad)
     words = "the focal length changed by {} between the board's pictures and the antenna's"
     remedy = f"switch autofocus and zoom off; {again}"
-    yield _JigMistake("refocused", words, remedy, pose, limits.log_prior_change, focal=limits.focal)
-    length = limits.length * data.session.antenna.length_m
+    yield _JigMistake("refocused", words, remedy, pose, _JigSettings.log_prior_change, focal=_JigSettings.focal)
+    length = _JigSettings.length * data.session.antenna.length_m
     words = "antenna.length_m is off by {}"
-    yield _JigMistake("antenna_length", words, "measure it again", pose, limits.log_prior_change, length_m=length)
+    yield _JigMistake("antenna_length", words, "measure it again", pose, _JigSettings.log_prior_change, length_m=length)
 
 
 def _numbers(values: np.ndarray) -> str:
@@ -515,15 +513,15 @@ def jig_diagnoses(data: JigEvidence) -> list[Diagnosis]:
     return [] if not best or best[0].diagnosis.name == "antenna_length" else [joined(best)]
 
 
-def plane_contradicted(joint: BundleAdjustment, limits: _JigSettings = _JigSettings()) -> bool:
+def plane_contradicted(joint: BundleAdjustment) -> bool:
     """Whether the camera's pose, the clamp or the antenna's end lie so far from the reports that a slip of the jig,
     or a change since its picture, may explain it: none can gain more than this costs. Where the pictures fit no
     antenna, they lie too far off their lines to move the pose."""
-    if joint.problem.noise_scale > limits.scattered * limits.correlated:
+    if joint.problem.noise_scale > _JigSettings.scattered * _JigSettings.correlated:
         return True
-    priors = joint.solution.residuals[len(joint.solution.residuals) - joint.solution.certain :]
+    priors = joint.solution.residuals[joint.solution.measured :]
     poses = 6 * len(joint.problem.prior.poses)
     of_antenna = poses + len(joint.problem.tips)
     cost = 0.5 * float((priors[:poses] ** 2).sum() + (priors[of_antenna : of_antenna + 6] ** 2).sum())
     gap = float(np.nan_to_num(joint.tip_gap_std, posinf=0.0, neginf=0.0))
-    return cost + 0.5 * gap**2 > limits.least_cost
+    return cost + 0.5 * gap**2 > _JigSettings.least_cost

@@ -216,11 +216,8 @@ def _slips(witness: Witness, which: Sequence[int], log_prior: float) -> Iterator
 
 def _one_load(witness: Witness, index: int, less: float) -> Iterator[_Mistake]:
     """Hypotheses of the distance and force of one load."""
-    name, load, length_m = (
-        name_of(witness.problem.observations, index),
-        dict(witness.loads)[index],
-        witness.problem.length_m,
-    )
+    name, load = name_of(witness.problem.observations, index), dict(witness.loads)[index]
+    length_m = witness.problem.length_m
 
     def moved(problem: Problem, v: np.ndarray) -> Problem:
         return _reloaded(problem, [index], lambda one: _moved_load(one, v[0], length_m))
@@ -809,7 +806,7 @@ def _explanations(witness: Witness) -> Iterator[Explanation[Witness]]:
     causes = [cause for row in _TABLE for cause in row(witness)]
     if excess > SETTINGS.misfit:
         causes += _single(witness, base)
-    widely = reported is None or reported.contradicted > 1 or reported.prior_cost > SETTINGS.misfit
+    widely = reported is None or reported.contradicted > 1 or reported.solution.prior_cost > SETTINGS.misfit
     for cause in causes:
         if cause.gross and not (excess > SETTINGS.misfit and (widely or cause.single)):
             continue

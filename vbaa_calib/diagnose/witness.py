@@ -55,14 +55,8 @@ class RigFit:
     @property
     def contradicted(self) -> int:
         """Number of pictures with gross residuals under this fit."""
-        own = self.solution.residuals[: len(self.solution.residuals) - self.solution.certain]
+        own = self.solution.residuals[: self.solution.measured]
         return int((_squares(own) > SETTINGS.points * SETTINGS.gross**2).sum())
-
-    @property
-    def prior_cost(self) -> float:
-        """Negative log prior, nats, of the fitted parameters relative to the prior mean."""
-        own = self.solution.residuals[len(self.solution.residuals) - self.solution.certain :]
-        return 0.5 * float(own @ own)
 
     @property
     def std(self) -> np.ndarray:
@@ -192,7 +186,7 @@ def _with_tips(problem: Problem, camera: Camera) -> Problem:
 
 def _scatter(now: Linearised) -> float:
     """Ratio of the scatter of most pictures' points to their standard deviations."""
-    return float(np.sqrt(np.median(_squares(now.residuals[: len(now.residuals) - now.certain])) / SETTINGS.points))
+    return float(np.sqrt(np.median(_squares(now.residuals[: now.measured])) / SETTINGS.points))
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,7 +284,7 @@ class Witness:
         scatter = _scatter(now)
         if scatter > SETTINGS.far_off:
             # where most points are far off, which pictures are wrong does not show yet
-            even = np.full(len(now.residuals) - now.certain, scatter**-2)
+            even = np.full(now.measured, scatter**-2)
 
             def roughly(at: np.ndarray) -> Linearised | None:
                 found = self._evaluated(alter, std, at)
@@ -312,7 +306,7 @@ class Witness:
 
     def _cost(self, now: Linearised) -> float:
         """Negative log likelihood."""
-        missing = len(self.problem.kept) - (len(now.residuals) - now.certain) // SETTINGS.points
+        missing = len(self.problem.kept) - now.measured // SETTINGS.points
         cost = now.cost + SETTINGS.left_out * missing
         return float(cost) if np.isfinite(cost) else np.inf
 
@@ -369,7 +363,7 @@ class Witness:
 
     def _stepped(self, now: Linearised, std: np.ndarray) -> tuple[float, np.ndarray]:
         """Log likelihood and parameters at the minimum, to first order."""
-        after, count = now, len(now.residuals) - now.certain
+        after, count = now, now.measured
         for _ in range(SETTINGS.rounds):
             weighted = _weighted(now, _weights(after.residuals[:count]))
             step = weighted.step(0.0)[0]

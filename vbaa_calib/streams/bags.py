@@ -35,7 +35,7 @@ _REMEDY = "record it with chunks of some megabytes, as rosbag2 does"
 
 def _check_bag(path: Path, metadata: dict[str, Any]) -> None:
     """Opens a bag in a process of its own, with limits of time and memory. metadata : of a bag that is a folder;
-    None for a file.
+    empty for a file.
 
     Raises InputError for one that cannot be opened within them.
     """

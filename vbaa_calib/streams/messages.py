@@ -50,7 +50,7 @@ class _MessageSettings:
 MESSAGES = _MessageSettings()
 
 CHANNELS = (*SILENT, "pan_rad", "tilt_rad")
-"""What is read beside the pictures, named as the columns of recording.csv are."""
+"""What is read along with the pictures, named as the columns of recording.csv are."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -1,5 +1,4 @@
-"""Consistency of the pictures with the typed entries on jig, camera and material; and the jig's axes drawn in a
-picture."""
+"""Consistency of the pictures with the typed entries on jig, camera and material."""
 
 from __future__ import annotations
 

@@ -121,7 +121,7 @@ def _counted(number: int, word: str) -> str:
 
 
 def _other_size(state: SessionState, size: tuple[int, int]) -> Diagnosis | None:
-    """The reason why a picture of `size` (width, height) px does not belong to this session; "" if it does."""
+    """The reason why a picture of `size` (width, height) px does not belong to this session; None if it does."""
     known, wanted = state.given_lens, state.image_size
     if known is None or size == wanted:
         return None if wanted is None else resolution_changed(size, wanted)

@@ -105,7 +105,7 @@ def _disagreements(solution: Linearised, rows: Sequence[np.ndarray]) -> tuple[np
     """χ² and degrees of freedom, both (G,), of the disagreement between each group of residuals (by its rows) and all
     other residuals of a solution."""
     jacobian, residuals = (solution.jacobian.T * solution.weights).T, solution.residuals * solution.weights
-    total, beforehand = jacobian.T @ jacobian, jacobian[len(jacobian) - solution.certain :]
+    total, beforehand = jacobian.T @ jacobian, jacobian[solution.measured :]
     # in units of what is known beforehand
     unit = 1.0 / np.sqrt(np.maximum((beforehand**2).sum(axis=0), 1e-12 * np.diag(total)))
     own = [(jacobian[each] * unit, residuals[each]) for each in rows]
@@ -129,7 +129,7 @@ def _widened(problem: Problem) -> Problem:
 def _scattered(final: Linearised, scatter: float) -> Linearised:
     """The linearised problem with the measured residuals' standard deviations multiplied by `scatter`; priors
     unchanged."""
-    trust = np.where(np.arange(len(final.residuals)) < len(final.residuals) - final.certain, 1.0 / scatter, 1.0)
+    trust = np.where(np.arange(len(final.residuals)) < final.measured, 1.0 / scatter, 1.0)
     return replace(final, residuals=trust * final.residuals, jacobian=trust[:, None] * final.jacobian)
 
 
@@ -137,11 +137,8 @@ def _undisturbed(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Masks (N,) of the points of each line that lie outside disturbed stretches, from their residuals (N,)."""
     means = list[np.ndarray]()
     for off in residuals:
-        basis, weights = (
-            legendre.legvander(np.linspace(-1.0, 1.0, len(off)), AntennaSettings.disturbed_degree),
-            np.ones(len(off)),
-        )
-        left = off
+        basis = legendre.legvander(np.linspace(-1.0, 1.0, len(off)), AntennaSettings.disturbed_degree)
+        left, weights = off, np.ones(len(off))
         for _ in range(20):
             left = off - basis @ np.linalg.lstsq(basis * weights[:, None], off * weights, rcond=None)[0]
             weights = np.sqrt(huber_weights(left))

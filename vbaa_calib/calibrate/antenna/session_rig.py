@@ -55,7 +55,7 @@ class ExpectedAntenna:
     T_antenna_camera: Pose
     parameters: np.ndarray  # (9,) of the antenna, as far as they are known
     paint: Paint | None = None  # what sets it off from its background; None: learnt from the pictures
-    # (3,) how far the free antenna lies beside these parameters' in this rig's pictures: a polynomial in the way from
+    # (3,) how far the free antenna lies off these parameters' in this rig's pictures: a polynomial in the way from
     # the clamp, both in lengths of the antenna's picture; None where not known
     course: np.ndarray | None = None
     # standard deviations of the priors within which it is searched for, one after the other; None: all around. Clutter
@@ -176,10 +176,8 @@ class ExpectedAntenna:
             strays = AntennaSettings.clamp_strays[deviations is None] * path.free.clamp_px_per_m
             # seen aslant the antenna is shorter, and turned by more; end on it is no line
             along_px_per_m = max(along[-1], 1.0) / length
-            clamp_px, clamp_rad = (
-                strays * AntennaSettings.clamp_offset_std_m,
-                strays * AntennaSettings.clamp_angle_std_rad / along_px_per_m,
-            )
+            clamp_px = strays * AntennaSettings.clamp_offset_std_m
+            clamp_rad = strays * AntennaSettings.clamp_angle_std_rad / along_px_per_m
             path = replace(path, clamp_px=max(path.clamp_px, clamp_px), clamp_rad=max(path.clamp_rad, clamp_rad))
             if self.course is not None:
                 moved = np.polyval(self.course, along / along[-1]) * along[-1]

@@ -221,10 +221,8 @@ def _lens_region(rig: Rig) -> Finding:
 
 def _stiffness(rig: Rig, nominal_Nm2: float | None) -> Finding:
     name, relative = "stiffness_known", rig.std("log_stiffness_Nm2")
-    limits, remedy = (
-        (CheckSettings.stiffness_look, CheckSettings.stiffness_fail),
-        "add known loads, heavier or further out",
-    )
+    limits = CheckSettings.stiffness_look, CheckSettings.stiffness_fail
+    remedy = "add known loads, heavier or further out"
     words = f"EI = {rig.antenna.stiffness_Nm2:.5g} N·m² ± {100 * relative:.2g} %"
     if nominal_Nm2 is None or nominal_Nm2 <= 0:
         return _graded(name, relative, limits, words + "; the nominal E·πd⁴/64 is not recorded", remedy)

@@ -121,7 +121,7 @@ def _predicted(joint: BundleAdjustment, wanted: Sequence[Observation]) -> dict[i
     """The candidate static frames in which the antenna stays in the picture, by their index, with their predicted
     points."""
     problem, parameters = joint.problem, joint.solution.parameters
-    free = Observation(Still(None, 0.0, 0.0, 0.0), np.zeros((0, 2)), np.zeros(0), wanted[0].gravity_m_s2)
+    free = _unseen(Still(None, 0.0, 0.0, 0.0), wanted[0].gravity_m_s2)
     curves = replace(problem, observations=[free, *wanted]).curves(parameters[None, ANTENNA])
     camera, view = problem.camera(parameters), joint.T_antenna_camera.inverse()
     pixels, valid = camera.project(curves.points_m @ view.rotation.T + view.translation_m)

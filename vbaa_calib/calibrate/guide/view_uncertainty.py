@@ -47,10 +47,8 @@ class WorkPlane:
     @property
     def points(self) -> np.ndarray:
         """(n, 2) x and y, m, of points evenly spread over the work area."""
-        x, y = (
-            np.linspace(0.0, self.length_m, GuideSettings.work_grid[0]),
-            np.linspace(-1.0, 1.0, GuideSettings.work_grid[1]) * self.half_width_m,
-        )
+        columns, rows = GuideSettings.work_grid
+        x, y = np.linspace(0.0, self.length_m, columns), np.linspace(-1.0, 1.0, rows) * self.half_width_m
         return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
     @property

@@ -320,10 +320,8 @@ def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, 
     names = preferred(names, good, np.inf, "misses left-out views by clearly more")
     cameras = {name: one.camera for name, one in every.items()}
     off_px = _expected_errors_px(cameras, best, corners_px, {name: one.left_out for name, one in every.items()})
-    expected_px, free = (
-        {n: float(off_px[n][0]) for n in every},
-        {n: every[n].candidate.free_parameters for n in every},
-    )
+    expected_px = {name: float(off_px[name][0]) for name in every}
+    free = {name: one.candidate.free_parameters for name, one in every.items()}
 
     def is_no_worse(name: str, richer: str) -> bool:
         ratios = np.log(off_px[name] / off_px[richer])

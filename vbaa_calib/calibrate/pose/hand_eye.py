@@ -372,7 +372,7 @@ class _HandEyeProblem:
         # a larger board that is seen alike is as much further away
         further = np.array([np.append(np.zeros(3), pose.translation_m) for pose in self.predicted(solved.state)])
         column = -np.einsum("vij,vj->vi", solved.rows.by_pose, further)[..., None]
-        # beside the lens' steps; its prior deviation of one constrains nothing
+        # next to the lens's steps; its prior deviation of one constrains nothing
         rows = solved.rows._replace(by_shared=np.concatenate([solved.rows.by_shared, column], axis=-1))
         normal = rows.normal(solved.std)
         inverse = solve_scaled(normal.A, np.eye(len(normal.A)))
@@ -628,8 +628,8 @@ class HandEye:
         found = self.camera_pose @ T_antenna_camera.inverse()
         R, t = found.rotation, T_antenna_camera.translation_m
         by_camera, by_rig = np.eye(6), -np.kron(np.eye(2), R)
-        by_camera[3:, :3] = np.cross(R @ t, np.eye(3)).T
-        by_rig[3:, :3] = -R @ np.cross(t, np.eye(3)).T
+        by_camera[3:, :3] = _crossed(R @ t)
+        by_rig[3:, :3] = -R @ _crossed(t)
         spread = by_camera @ self.covariance[:6, :6] @ by_camera.T + by_rig @ covariance @ by_rig.T
         return found, spread
 

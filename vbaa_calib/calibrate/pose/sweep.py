@@ -225,7 +225,9 @@ class _SweepProblem:
         errors."""
         whole = np.concatenate([columns, at.residuals_px[..., None], at.by_angles], axis=-1)
         bounds = np.searchsorted(self.picture, np.arange(self.pictures + 1))
-        return _view_products(whole * np.sqrt(weights)[:, None, None], bounds)
+        whole *= np.sqrt(weights)[:, None, None]
+        flat = [whole[first:last].reshape(-1, whole.shape[-1]) for first, last in pairwise(bounds)]
+        return np.array([block.T @ block for block in flat])
 
     def _descended(self, state: _SweepState, weights: np.ndarray, angle_ratio: float, rules: Rules) -> _SweepEquations:
         def linearised(state: _SweepState) -> _SweepEquations:
@@ -454,7 +456,7 @@ def _consistent_pictures(problem: _SweepProblem, state: _SweepState) -> tuple[_S
     """A robust state, the mask (P,) of pictures that it explains, and the median residual (P,) px of each. Raises
     InputError when the angles fit hardly more than half of the pictures, or when one row is wrong but which one is
     ambiguous."""
-    # the better of the two in which the board leans to one side or the other
+    # the better of the two in which the board is tilted to one side or the other
     fixed, every = problem.axes_fixed, np.ones(len(problem.pixels), bool)
     first = fixed.robust(state, every)
     both = (first, fixed.robust(_turned_over(first[0], problem), every))
@@ -463,10 +465,8 @@ def _consistent_pictures(problem: _SweepProblem, state: _SweepState) -> tuple[_S
     for _ in range(PoseSettings.picture_rounds):
         state, residuals = problem.robust(state, kept[problem.picture])
         error = _picture_errors_px(residuals, problem)
-        before, kept = (
-            kept,
-            error <= max(PoseSettings.gross_picture * float(np.median(error[kept])), PoseSettings.gross_picture_px),
-        )
+        limit_px = max(PoseSettings.gross_picture * float(np.median(error[kept])), PoseSettings.gross_picture_px)
+        before, kept = kept, error <= limit_px
         if np.array_equal(kept, before):
             break
     here = state
@@ -551,10 +551,8 @@ def _with_axes_prior(problem: _SweepProblem, free: _SweepFit, used: np.ndarray, 
     skew, offset = nominal - off + (gain @ off)[_AXES]
     fixed = problem.axes_fixed.fit(replace(free.state, axis_skew_rad=skew, axis_offset_m=offset), used)
     # Joseph's form: no difference of covariances
-    left, known = (
-        np.eye(len(gain)),
-        np.diag(np.square([PoseSettings.axis_skew_std_rad, PoseSettings.axis_offset_std_m])),
-    )
+    left = np.eye(len(gain))
+    known = np.diag(np.square([PoseSettings.axis_skew_std_rad, PoseSettings.axis_offset_std_m]))
     left[:, _AXES] -= gain
     covariance = left @ free.covariance @ left.T + gain @ known @ gain.T
     return replace(fixed, covariance=covariance, by_lens=free.by_lens - gain @ free.by_lens[_AXES])
@@ -594,9 +592,3 @@ def _estimate(found: _SweepFit, T_actuator_antenna: Pose, tilt_zero_std_rad: flo
     )
     of_axes = found.covariance[_AXES, _CAMERA] @ to_antenna.T
     return estimate, np.vstack([of_axes, tilt_zero_std_rad**2 * by_zero])
-
-
-def _view_products(rows: np.ndarray, bounds: np.ndarray) -> np.ndarray:
-    """(V, m, m) per-view sums of products of rows (N, 2, m); view v has rows bounds[v] to bounds[v + 1]."""
-    flat = [rows[first:last].reshape(-1, rows.shape[-1]) for first, last in pairwise(bounds)]
-    return np.array([block.T @ block for block in flat])

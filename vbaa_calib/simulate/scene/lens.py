@@ -93,9 +93,9 @@ class RayMap:
         return np.asarray(core.simulate.rays_between(self.padded, pixels))
 
 
-def invertible(lens: Lens, step_px: int = 8) -> bool:
+def invertible(lens: Lens) -> bool:
     """Whether every pixel has its own ray, tested every few pixels and one pixel beyond the picture."""
-    return _inverted(lens, step_px)[1]
+    return _inverted(lens, step_px=8)[1]
 
 
 def ray_map(lens: Lens) -> RayMap:
