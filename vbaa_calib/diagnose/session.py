@@ -864,7 +864,7 @@ def _session_diagnoses(
     found = [joined(best) for best in rounds]
     fit = right.reported
     if fit is None or fit.scale > SETTINGS.fits:
-        return [_contradiction(right, np.inf if fit is None else fit.scale), *found]
+        return [_contradiction(np.inf if fit is None else fit.scale), *found]
     if channels := right.channels(fit):
         return [*found, *channel_diagnoses(channels)]
     return [*found, *_sensor_diagnoses(right.moments(fit))]
@@ -895,7 +895,7 @@ def failure_causes(
     return [one for one in found if one.grave] or typed_load_diagnoses(loads, session.antenna) or found
 
 
-def _contradiction(witness: Witness, scale: float) -> Diagnosis:
+def _contradiction(scale: float) -> Diagnosis:
     return Diagnosis(
         "stills_contradict",
         f"the pictures do not fit one antenna: they lie {scale:.0f} times further off it than their own scatter; no "

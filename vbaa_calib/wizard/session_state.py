@@ -332,7 +332,7 @@ class SessionState:
         if self.taken("plane"):
             try:
                 pose = self.plane().estimates[0].T_antenna_camera
-                return WorkPlane(pose.inverse(), length_m, 0.25 * length_m)
+                return WorkPlane(pose.inverse(), length_m)
             except VbaaError:
                 pass
         distance_m = 1e-3 * float(answers.get("camera_distance_mm", 400.0))

@@ -226,7 +226,7 @@ def _check_lens(state: SessionState, picture: Picture, readings: Readings | None
     if (now := _guidance(state)).suggestion is None:
         return check
     camera = None if now.solution is None else now.solution.camera
-    close, closer = pose_match(now.suggestion, view, state.board, camera, view.image_size)
+    close, closer = pose_match(now.suggestion, view, state.board, camera)
     return replace(check, closeness=close, closer=closer)
 
 

@@ -189,7 +189,6 @@ class BundleAdjustment:
     sensor : the solved sensor of everything but the moment about y, with its covariance; None without one.
     tip : where the antenna's visible end lies, from the pictures; None where it was not seen, or not used.
     tip_gap_std : by how many deviations the ends lie off the length, as everything else has it; NaN without any.
-    tip_gap_m : the same in metres, positive beyond the length.
     """
 
     problem: Problem
@@ -207,7 +206,6 @@ class BundleAdjustment:
     sensor: WrenchSensor | None = None
     tip: Tip | None = None
     tip_gap_std: float = np.nan
-    tip_gap_m: float = np.nan
 
     @property
     def noise_scale(self) -> float:
@@ -356,7 +354,7 @@ def _solved(
     parameters = solution.parameters
     if not solution.converged:
         raise SolveError("bundle adjustment of camera pose, antenna and sensor did not converge")
-    tried, gap_std, gap_m = _with_tips(problem, solution)
+    tried, gap_std = _with_tips(problem, solution)
     if len(tried.tips):
         with_tips = _at_tips(tried, parameters)
         if with_tips is not None:
@@ -384,7 +382,6 @@ def _solved(
         moment_residuals_Nm=problem.moment_residuals_Nm(parameters, evaluated.moments),
         tip=_tip(problem, evaluated, root),
         tip_gap_std=gap_std,
-        tip_gap_m=gap_m,
     )
 
 
@@ -423,9 +420,9 @@ def _own_units(problem: Problem, root: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return axes @ root[: problem.lens.stop], own
 
 
-def _with_tips(problem: Problem, solution: Linearised) -> tuple[Problem, float, float]:
+def _with_tips(problem: Problem, solution: Linearised) -> tuple[Problem, float]:
     """The problem with the antenna's visible ends, where they agree with each other and with the rest; and the
-    distance of their common end from the stated length, in standard deviations and in metres."""
+    distance of their common end from the stated length, in standard deviations."""
     std_m = problem.prior.tip_std_m
     seen = np.array([bool(np.isfinite([*one.tip_px, one.tip_std_px]).all()) for one in problem.observations])
     camera = problem.camera(solution.parameters)
@@ -434,7 +431,7 @@ def _with_tips(problem: Problem, solution: Linearised) -> tuple[Problem, float, 
     # where the lens has an inverse
     which = which[[len(see(camera, one.tip_px[None], np.array([one.tip_std_px]))) > 0 for one in ends]]
     if std_m is None or not len(which):
-        return problem, np.nan, np.nan
+        return problem, np.nan
     tried = replace(problem, tips=which).relinearised(solution.parameters)
     found = tried.evaluate(solution.parameters)
     slopes = tried.by_all(found.tips)
@@ -443,14 +440,13 @@ def _with_tips(problem: Problem, solution: Linearised) -> tuple[Problem, float, 
     # what all of them share is judged together
     agree = np.abs(off - np.median(off)) <= AntennaSettings.outlying_tip * np.sqrt(1.0 + np.diag(known))
     if agree.mean() <= 0.5:
-        return problem, np.inf, np.nan
+        return problem, np.inf
     mean = agree / agree.sum()
     common = std_m * found.by_length
     gap_std = float(mean @ off / np.sqrt(mean @ (np.eye(len(off)) + np.outer(common, common) + known) @ mean))
-    gap_m = float(abs(mean @ off / (mean @ found.by_length)) * np.sign(gap_std))
     if not abs(gap_std) <= AntennaSettings.tips_contradict:
-        return problem, gap_std, gap_m
-    return replace(problem, tips=which[agree]).relinearised(solution.parameters), gap_std, gap_m
+        return problem, gap_std
+    return replace(problem, tips=which[agree]).relinearised(solution.parameters), gap_std
 
 
 def _at_tips(problem: Problem, parameters: np.ndarray) -> tuple[Problem, Linearised, Evaluation] | None:

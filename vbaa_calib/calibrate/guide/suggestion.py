@@ -235,20 +235,18 @@ def _tilt_words(placed: _BoardPlace) -> str:
     return f"its {side} {'corner' if ' ' in side else 'edge'} turned {tilt_deg}° away from the camera"
 
 
-def pose_match(
-    suggestion: Suggestion, view: BoardView, spec: BoardWithIds, camera: Camera | None, image_size: tuple[int, int]
-) -> tuple[float, str]:
+def pose_match(suggestion: Suggestion, view: BoardView, spec: BoardWithIds, camera: Camera | None) -> tuple[float, str]:
     """Similarity of a view to the suggested pose, from 0 to 1 (above about 0.6 it is as informative), and what to
     change, in words ("further left, nearer").
 
-    camera : the lens so far; without it a nominal one is known. image_size : (width, height) px of the view.
+    camera : the lens so far; without it a nominal one counts.
     """
     if len(view.ids) == 0:
         return 0.0, "the board is not seen"
     points = corner_points(spec)[view.ids]
     if len(view.ids) < GuideSettings.match_corners or not fixes_homography(points[:, :2]):
         return 0.0, "too little of the board is seen"
-    camera = camera or camera_of(LENS_MODELS["none"], nominal_intrinsics(image_size), image_size)
+    camera = camera or camera_of(LENS_MODELS["none"], nominal_intrinsics(view.image_size), view.image_size)
     flat, valid = camera.unproject_normalized(view.corners_px)
     ok = valid.sum() >= GuideSettings.match_corners and fixes_homography(points[valid, :2])
     if ok:

@@ -33,8 +33,7 @@ class WorkPlane:
     """Estimate of plane C, and the work area on it."""
 
     T_camera_plane: Pose  # z = 0 is the plane, x runs along the antenna from the clamp
-    length_m: float  # of the work area, x from 0 on
-    half_width_m: float  # y from minus to plus this
+    length_m: float  # of the work area, x from 0 on; y is from minus to plus a part of it
 
     @staticmethod
     def about(distance_m: float, inclination_rad: float, length_m: float) -> WorkPlane:
@@ -42,13 +41,14 @@ class WorkPlane:
         vertical."""
         turn = Pose.from_rotvec(np.array([0.0, inclination_rad, 0.0]), np.array([0.0, 0.0, distance_m]))
         to_clamp = Pose(np.eye(3), np.array([-length_m / 2, 0.0, 0.0]))
-        return WorkPlane(turn @ to_clamp, length_m, GuideSettings.half_width_per_length * length_m)
+        return WorkPlane(turn @ to_clamp, length_m)
 
     @property
     def points(self) -> np.ndarray:
         """(n, 2) x and y, m, of points evenly spread over the work area."""
         columns, rows = GuideSettings.work_grid
-        x, y = np.linspace(0.0, self.length_m, columns), np.linspace(-1.0, 1.0, rows) * self.half_width_m
+        half_width_m = GuideSettings.half_width_per_length * self.length_m
+        x, y = np.linspace(0.0, self.length_m, columns), np.linspace(-1.0, 1.0, rows) * half_width_m
         return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
     @property
