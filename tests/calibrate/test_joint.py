@@ -240,7 +240,7 @@ def test_a_thread_over_the_antenna_is_left_out_and_its_load_stays() -> None:
     joint = adjusted(observations, before)
     assert joint.kept.all()
     assert [index for index, count in enumerate(joint.disturbed) if count] == [5, 9]
-    named = [one for one in row_doubts(joint) if one.name == "line_disturbed"]
+    named = [one for one in row_doubts(joint, ()) if one.name == "line_disturbed"]
     assert [one.severity for one in named] == ["note", "note"]
     moved = (joint.parameters - clean.parameters) / np.sqrt(np.diag(clean.covariance)[:17])
     assert np.abs(moved).max() < 1.0

@@ -25,8 +25,8 @@ from typing import Any
 
 import numpy as np
 
-_SECONDS, _SECONDS_PER_MB = 4.0, 0.2
-"""Limit of processor time: for any file, and in addition per megabyte."""
+_SECONDS = 4.0
+"""Limit of processor time for any file; it has a twentieth more per megabyte."""
 _ERROR = "error"
 
 Arrays = Mapping[str, np.ndarray]
@@ -61,7 +61,7 @@ def read_in_child(reader: Callable[[Path], Arrays], path: Path) -> dict[str, np.
 
     files = path.iterdir() if path.is_dir() else [path]
     size = sum(each.stat().st_size for each in files if each.is_file())
-    seconds = _SECONDS + _SECONDS_PER_MB * size / 1e6
+    seconds = _SECONDS * (1.0 + 0.05 * size / 1e6)
     limits = f"{seconds:.0f}", str(most_memory(size))
     # as a script: with -m the whole package would be imported, which takes longer than any reading
     module = "" if reader.__module__ == __name__ else reader.__module__

@@ -31,11 +31,6 @@ LENGTH_UNITS = (
 """The same of a distance, in metres."""
 
 
-# slopes at a load, by the linear beam, that nobody bends an antenna by on purpose, and that no picture resolves well: a
-# tenth of a millimetre at 150 mm
-_STEEP_RAD, _FLAT_RAD = 1.2, 1e-3
-
-
 def weighed(load: Load) -> float:
     """Magnitude of a load's force, N."""
     return float(np.hypot(load.force_y_N, load.force_z_N))
@@ -51,6 +46,9 @@ def rows_name(rows: Sequence[tuple[int, Load]], count: int = 0) -> str:
 
 def typed_load_diagnoses(loads: Sequence[Load], antenna: NominalAntenna) -> list[Diagnosis]:
     """Diagnoses of typed loads that are impossible for the nominal antenna."""
+    # slopes at a load, by the linear beam, that nobody bends an antenna by on purpose, and that no picture resolves
+    # well: a tenth of a millimetre at 150 mm
+    steep_rad, flat_rad = 1.2, 1e-3
     rows, length_m, found = list(enumerate(loads)), antenna.length_m, []
     inside = [(index, load) for index, load in rows if 0 < load.distance_m <= length_m]
     beyond = [row for row in rows if row not in inside]
@@ -74,10 +72,10 @@ def typed_load_diagnoses(loads: Sequence[Load], antenna: NominalAntenna) -> list
         name = rows_name(which, len(rows))
         return f"{name}: {weighed(load):.4g} N at {1e3 * load.distance_m:{digits}} mm would", tip_mm
 
-    steep = [row for row in inside if slope_rad(row) > _STEEP_RAD]
+    steep = [row for row in inside if slope_rad(row) > steep_rad]
     if steep:
         worst = max(steep, key=slope_rad)
-        likely = [(how, f) for how, f in FORCE_UNITS[:3] if 0.01 < f * slope_rad(worst) < _STEEP_RAD / 2]
+        likely = [(how, f) for how, f in FORCE_UNITS[:3] if 0.01 < f * slope_rad(worst) < steep_rad / 2]
         likely.sort(key=lambda unit: abs(np.log(unit[1] * slope_rad(worst) / 0.2)))
         guess = " or ".join(f"{how} it would be {factor * weighed(worst[1]):.3g} N" for how, factor in likely)
         words, tip_mm = described(worst, steep, ".0f")
@@ -87,7 +85,7 @@ def typed_load_diagnoses(loads: Sequence[Load], antenna: NominalAntenna) -> list
         )
         remedy = (f"given {guess}. " if guess else "") + "Give newtons (grams · 0.00981), or check the diameter"
         found.append(Diagnosis("load_force_unit", words, remedy, "wrong"))
-    flat = [row for row in inside if slope_rad(row) < _FLAT_RAD]
+    flat = [row for row in inside if slope_rad(row) < flat_rad]
     if flat:
         words, tip_mm = described(min(flat, key=slope_rad), flat, ".3g")
         remedy = "give newtons, not kilonewtons or kilograms, and metres; or hang more weight farther out"
