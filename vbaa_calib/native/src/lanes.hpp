@@ -65,6 +65,14 @@ struct Pack {
         Mask operator~() const {
             return each([&](int k) { return ~parts[k]; });
         }
+        // whether any is true
+        bool any() const {
+            Part every = parts[0];
+            for (int k = 1; k < PARTS; ++k) every |= parts[k];
+            auto found = every[0];
+            for (int lane = 1; lane < WIDTH; ++lane) found |= every[lane];
+            return found != 0;
+        }
         Mask& operator&=(const Mask& other) { return *this = *this & other; }
         Mask& operator|=(const Mask& other) { return *this = *this | other; }
     };

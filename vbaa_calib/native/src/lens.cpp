@@ -18,13 +18,6 @@ constexpr double NEAREST_M = 1e-9;         // a plane closer to the camera than 
 template <class T>
 using Mask = decltype(T{} < T{});
 
-template <class T>
-bool any(Mask<T> mask) {
-    bool found = false;
-    for (int lane = 0; lane < Kind<T>::count; ++lane) found |= mask[lane] != 0;
-    return found;
-}
-
 // work(begin, some, columns) for a vector of points (N, K) at a time; the last ones are repeated to fill it.
 template <class T, int K, class Work>
 void in_vectors(View<const Number<T>, 2> points, Work work) {
@@ -44,6 +37,14 @@ template <class T, class S>
 void put(S* rows, int width, int column, int begin, int some, T values) {
     S* to = rows + static_cast<std::size_t>(begin) * width + column;
     for (int lane = 0; lane < some; ++lane) to[static_cast<std::size_t>(lane) * width] = values[lane];
+}
+
+void put(const Column& to, int begin, int some, const Lanes& values) {
+    if (to.apart == 1 && some == LANES) {
+        store(to.first + begin, values);
+    } else {
+        put(to.first, to.apart, 0, begin, some, values);
+    }
 }
 
 template <class T>
@@ -123,7 +124,8 @@ template <class T>
     const S limit = full ? std::numeric_limits<S>::max() : S(lens.distorted_limit);
     const Mask<T> reachable = (size < T{} + limit) & (depth > T{});
     x = choose(reachable, x, T{}), y = choose(reachable, y, T{});
-    Undone<T> found = {x, y, {}, reachable};
+    Undone<T> found;
+    found.x = x, found.y = y, found.valid = reachable;
     if (lens.path == Path::none) {
         found.at = on_sensor(lens, x, y);
         found.valid &= found.at.depth > T{} + S(LEAST_DEPTH);  // not a tilted sensor's horizon
@@ -138,7 +140,7 @@ template <class T>
         bent = distorted(lens, found.x, found.y);
         const T off_x = x - bent.x, off_y = y - bent.y, size_x = size_of(off_x), size_y = size_of(off_y);
         beyond = choose(size_x > size_y, size_x, size_y) - allowed;
-        if (step == STEPS - 1 || !any<T>(beyond > T{})) break;
+        if (step == STEPS - 1 || !(beyond > T{}).any()) break;
         const T scale = S(1) / bent.determinant();
         found.x = choose(beyond > T{}, found.x + (bent.yy * off_x - bent.xy * off_y) * scale, found.x);
         found.y = choose(beyond > T{}, found.y + (bent.xx * off_y - bent.yx * off_x) * scale, found.y);
@@ -149,7 +151,7 @@ template <class T>
     const Mask<T> within = square < T{} + S(lens.ideal_limit * lens.ideal_limit);
     good = good & (full ? enclosed<T>(lens.ideal, within, found.x, found.y) : within);
     found.valid = reachable & good;
-    if (const Mask<T> rest = reachable & ~good; any<T>(rest)) {
+    if (const Mask<T> rest = reachable & ~good; rest.any()) {
         for (int lane = 0; lane < Kind<T>::count; ++lane) {
             double ideal_x = found.x[lane], ideal_y = found.y[lane];
             if (!rest[lane] || (full && !lens.reach.encloses(x[lane], y[lane]))) continue;
@@ -343,7 +345,7 @@ void rays_with_slopes(const Lens& lens, ConstMatrix pixels, Matrix rays, Cube by
     });
 }
 
-void normalized_of_pixels(const Lens& lens, ConstMatrix pixels, Matrix points, Matrix slopes, bool* valid) {
+void normalized_of_pixels(const Lens& lens, ConstMatrix pixels, const Normalized& to, bool* valid) {
     in_vectors<Lanes, 2>(pixels, [&](int begin, int some, const std::array<Lanes, 2>& pixel) {
         Undone<Lanes> p = undone(lens, pixel[0], pixel[1]);
         Two<Lanes> by = inverse_of<Lanes>(p.at);
@@ -354,14 +356,13 @@ void normalized_of_pixels(const Lens& lens, ConstMatrix pixels, Matrix points, M
             by = normalized_by_chart(ray, p.x, p.y) * by;
             x *= ray.ratio / ray.height, y *= ray.ratio / ray.height;
         }
-        put(points.data, 2, 0, begin, some, known<Lanes>(p.valid, x));
-        put(points.data, 2, 1, begin, some, known<Lanes>(p.valid, y));
+        put(to.x, begin, some, known<Lanes>(p.valid, x));
+        put(to.y, begin, some, known<Lanes>(p.valid, y));
         put_valid<Lanes>(valid, begin, some, p.valid);
-        if (!slopes.size()) return;
-        put(slopes.data, 4, 0, begin, some, known<Lanes>(p.valid, by.xx / lens.fx));
-        put(slopes.data, 4, 1, begin, some, known<Lanes>(p.valid, by.xy / lens.fy));
-        put(slopes.data, 4, 2, begin, some, known<Lanes>(p.valid, by.yx / lens.fx));
-        put(slopes.data, 4, 3, begin, some, known<Lanes>(p.valid, by.yy / lens.fy));
+        const double by_u = 1.0 / lens.fx, by_v = 1.0 / lens.fy;
+        const Lanes slopes[4] = {by.xx * by_u, by.xy * by_v, by.yx * by_u, by.yy * by_v};
+        for (int k = 0; to.slopes[0].first && k < 4; ++k)
+            put(to.slopes[k], begin, some, known<Lanes>(p.valid, slopes[k]));
     });
 }
 

@@ -93,9 +93,18 @@ void rays_of_pixels(const Lens& lens, ConstMatrix pixels, Matrix rays, bool* val
 // 4 + k).
 void rays_with_slopes(const Lens& lens, ConstMatrix pixels, Matrix rays, Cube by_pixel, Cube by_lens, bool* valid);
 
-// X/Z, Y/Z (N, 2) of pixels (N, 2), d(X/Z, Y/Z)/d(u, v) (N, 4) row by row unless that is empty, and validity (N,); NaN
-// where not valid.
-void normalized_of_pixels(const Lens& lens, ConstMatrix pixels, Matrix points, Matrix slopes, bool* valid);
+// Where one of the pixels' numbers goes: the first place, and how far apart they are.
+struct Column {
+    double* first = nullptr;
+    int apart = 1;
+};
+// Of X/Z and Y/Z, and of d(X/Z, Y/Z)/d(u, v) row by row if they have places.
+struct Normalized {
+    Column x, y, slopes[4];
+};
+
+// X/Z, Y/Z of pixels (N, 2), perhaps with slopes, and validity (N,); NaN where not valid.
+void normalized_of_pixels(const Lens& lens, ConstMatrix pixels, const Normalized& to, bool* valid);
 
 // d(X/Z, Y/Z)/d(fx, fy, cx, cy, *distortion), columns (2, 4 + k, LANES), of LANES fixed pixels; zeros where one is not
 // seen. seen: X/Z and Y/Z in the first two rows, then scratch room; the third says 1 where the point is seen, 0 else.

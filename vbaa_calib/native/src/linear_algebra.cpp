@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <type_traits>
+#include <utility>
 
 namespace vbaa {
 
@@ -78,23 +80,39 @@ void add_block_of_products(ConstMatrix columns, ConstMatrix product, int a, cons
     }
 }
 
-// The rotation that makes one pair of entries zero.
-template <int SIZE>
-void rotate(double (&matrix)[SIZE][SIZE], double (&vectors)[SIZE][SIZE], int a, int b) {
-    const double off_diagonal = matrix[a][b];
-    if (off_diagonal == 0.0) return;
-    const double half = (matrix[b][b] - matrix[a][a]) / (2.0 * off_diagonal);
-    const double size_of_tangent = 1.0 / (std::abs(half) + std::sqrt(1.0 + half * half));
-    const double tangent = half < 0.0 ? -size_of_tangent : size_of_tangent;
+// The rotation that makes the entry of rows A and B zero, of a matrix by its upper triangle and of its axes, the rows.
+// Where places are known to the compiler a small matrix stays in registers.
+template <int SIZE, int A, int B>
+void rotate(double (&matrix)[SIZE][SIZE], double (&axes)[SIZE][SIZE]) {
+    const double twice = 2.0 * matrix[A][B], square = twice * twice;
+    if (square == 0.0) return;
+    const double apart = matrix[B][B] - matrix[A][A], size = std::abs(apart) + std::sqrt(apart * apart + square);
+    const double tangent = (apart < 0.0 ? -twice : twice) / size;
     const double cos = 1.0 / std::sqrt(1.0 + tangent * tangent), sin = tangent * cos;
-    const auto turn = [&](double& first, double& second) {
+    const auto turn = [cos, sin](double& first, double& second) {
         const double before = first;
         first = cos * before - sin * second;
         second = sin * before + cos * second;
     };
-    for (int k = 0; k < SIZE; ++k) turn(matrix[k][a], matrix[k][b]);
-    for (int k = 0; k < SIZE; ++k) turn(matrix[a][k], matrix[b][k]);
-    for (int k = 0; k < SIZE; ++k) turn(vectors[k][a], vectors[k][b]);
+    matrix[A][A] -= 0.5 * twice * tangent;
+    matrix[B][B] += 0.5 * twice * tangent;
+    matrix[A][B] = 0.0;
+    for (int k = 0; k < A; ++k) turn(matrix[k][A], matrix[k][B]);
+    for (int k = A + 1; k < B; ++k) turn(matrix[A][k], matrix[k][B]);
+    for (int k = B + 1; k < SIZE; ++k) turn(matrix[A][k], matrix[B][k]);
+    for (int k = 0; k < SIZE; ++k) turn(axes[A][k], axes[B][k]);
+}
+
+// A rotation of every pair, in the order of a tournament: pairs of one round need not wait for each other.
+template <int SIZE, int... PAIR>
+void rotate_all(double (&matrix)[SIZE][SIZE], double (&axes)[SIZE][SIZE], std::integer_sequence<int, PAIR...>) {
+    constexpr int EVEN = (SIZE + 1) / 2, ROUNDS = 2 * EVEN - 1;
+    const auto one = [&](auto pair) {
+        constexpr int round = pair / EVEN, k = pair % EVEN, first = (round + k) % ROUNDS;
+        constexpr int second = k > 0 ? (round + ROUNDS - k) % ROUNDS : ROUNDS;
+        if constexpr (second < SIZE) rotate<SIZE, std::min(first, second), std::max(first, second)>(matrix, axes);
+    };
+    (one(std::integral_constant<int, PAIR>{}), ...);
 }
 
 }  // namespace
@@ -163,28 +181,23 @@ void add_inner_products(ConstMatrix columns, ConstMatrix product, const std::vec
 
 template <int SIZE>
 void symmetric_eigen(double (&matrix)[SIZE][SIZE], double (&values)[SIZE], double (&vectors)[SIZE][SIZE]) {
-    std::fill_n(vectors[0], SIZE * SIZE, 0.0);
-    for (int a = 0; a < SIZE; ++a) vectors[a][a] = 1.0;
+    constexpr int HALF = (SIZE + 1) / 2;
+    double axes[SIZE][SIZE] = {};
+    int order[SIZE];
+    for (int a = 0; a < SIZE; ++a) axes[a][a] = 1.0, order[a] = a;
     for (int sweep = 0; sweep < SWEEPS; ++sweep) {
         double off_diagonal = 0.0, diagonal = 0.0;
         for (int a = 0; a < SIZE; ++a) {
             diagonal += matrix[a][a] * matrix[a][a];
-            for (int b = 0; b < a; ++b) off_diagonal += matrix[a][b] * matrix[a][b];
+            for (int b = a + 1; b < SIZE; ++b) off_diagonal += matrix[a][b] * matrix[a][b];
         }
         if (!(off_diagonal > 1e-36 * diagonal)) break;
-        for (int a = 0; a < SIZE - 1; ++a) {
-            for (int b = a + 1; b < SIZE; ++b) rotate(matrix, vectors, a, b);
-        }
+        rotate_all(matrix, axes, std::make_integer_sequence<int, HALF * (2 * HALF - 1)>{});
     }
-    for (int a = 0; a < SIZE; ++a) values[a] = matrix[a][a];
-    for (int a = 0; a < SIZE - 1; ++a) {
-        int least = a;
-        for (int b = a + 1; b < SIZE; ++b) {
-            if (values[b] < values[least]) least = b;
-        }
-        if (least == a) continue;
-        std::swap(values[a], values[least]);
-        for (int k = 0; k < SIZE; ++k) std::swap(vectors[k][a], vectors[k][least]);
+    std::sort(order, order + SIZE, [&](int a, int b) { return matrix[a][a] < matrix[b][b]; });
+    for (int a = 0; a < SIZE; ++a) {
+        values[a] = matrix[order[a]][order[a]];
+        for (int k = 0; k < SIZE; ++k) vectors[k][a] = axes[order[a]][k];
     }
 }
 

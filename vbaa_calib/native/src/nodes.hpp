@@ -17,8 +17,9 @@ constexpr int CONTACT = NODES_TO_CONTACT - 1;
 // Rows of eight for all nodes of one shape; those to the contact fill theirs.
 constexpr int NODE_ROWS = whole_lanes(CURVE_NODES) / LANES, INNER_ROWS = NODES_TO_CONTACT / LANES;
 static_assert(NODES_TO_CONTACT % LANES == 0);
-// Nodes at which a shape is computed, from the clamp to the contact and from there to the tip.
-constexpr int INNER_NODES = 12, OUTER_NODES = 8, NODES = INNER_NODES + OUTER_NODES;
+// Nodes at which a shape is computed, from the clamp to the contact and from there to the tip: as many as keep what
+// they lose a tenth below what four sweeps leave (shapes.hpp).
+constexpr int INNER_NODES = 10, OUTER_NODES = 7, NODES = INNER_NODES + OUTER_NODES;
 // Contacts are kept this part of the length from the tip: there nothing would be left beyond them.
 constexpr double NEAREST_TO_TIP = 1e-6;
 

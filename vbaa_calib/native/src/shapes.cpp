@@ -129,12 +129,6 @@ void put_points(const Pressed& press, Field& field, Cube points_m) {
     }
 }
 
-bool any(const Lanes::Mask& mask) {
-    bool found = false;
-    for (int lane = 0; lane < LANES; ++lane) found = found || mask[lane];
-    return found;
-}
-
 // Points and tangents of the curve, from the tangents on all panels, part after part.
 void put_curve(const Pressed& press, const PanelNodes& nodes, const PanelField& tangents, const Made& made) {
     Vectors at = {Lanes{}, press.clamp_y_m, press.clamp_z_m};
@@ -159,7 +153,7 @@ void put_curve(const Pressed& press, const PanelNodes& nodes, const PanelField& 
         const Lanes by_width = where_positive(part.width_m, 1.0 / part.width_m, part.width_m);
         for (int node = next; node < CURVE_NODES; ++node) {
             const Lanes s = arclength_at(press, node);
-            if (!last && !any(~(s > end))) break;
+            if (!last && !(~(s > end)).any()) break;
             // the first part has all nodes that are not in a later one
             const Lanes::Mask here =
                 p ? ~(s < part.start_m)
@@ -178,7 +172,7 @@ void put_curve(const Pressed& press, const PanelNodes& nodes, const PanelField& 
                 tangent = {kept(tangent.x, &made.tangents(0, node, 0)), kept(tangent.y, &made.tangents(1, node, 0)),
                            kept(tangent.z, &made.tangents(2, node, 0))};
             if (made.tangents.shape[1] == CURVE_NODES || here[0]) put_tangent(made.tangents, node, tangent);
-            if (!last && node == next && !any(~(s < end))) ++next;
+            if (!last && node == next && !(~(s < end)).any()) ++next;
         }
         for (int power = 1; power <= NodeTables::PANEL; power += 2) place[0] = place[0] + place[power];
         for (int power = 2; power <= NodeTables::PANEL; power += 2) place[0] = place[0] + place[power];

@@ -55,7 +55,10 @@ auto normalized(const Lens& lens, InMatrix pixels, bool with_slopes) {
     auto points = room<double>(n, 2), slopes = room<double>(with_slopes ? n : 0, 4);
     auto valid = room<bool>(n);
     nb::gil_scoped_release released;
-    lens::normalized_of_pixels(lens, view(pixels), view(points), view(slopes), valid.data());
+    double *at = points.data(), *by = slopes.data();
+    lens::Normalized to = {{at, 2}, {at + 1, 2}, {}};
+    for (int k = 0; with_slopes && k < 4; ++k) to.slopes[k] = {by + k, 4};
+    lens::normalized_of_pixels(lens, view(pixels), to, valid.data());
     return std::make_tuple(points, valid, slopes);
 }
 

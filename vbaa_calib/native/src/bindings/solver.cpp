@@ -465,10 +465,11 @@ auto ideal_points(const Rig& rig, InCube pixels, InMatrix sigma_px, const Numpy<
         int first = 0;
         for (std::size_t k = 0; k < ends.size(); ++k) {
             const int count = static_cast<int>(ends(k)) - first;
-            const Vector own = {view(usable).row(b).data + first, {count}};
+            double *at = &view(points)(b, first, 0), *spread = &view(covariance)(b, first, 0);
             solver::ideal_points(*rig.cameras[k].lens, view(pixels).row(b).part(first, count),
-                                 {view(sigma_px).row(b).data + first, {count}}, view(points).row(b).part(first, count),
-                                 view(covariance).row(b).part(first, count), own);
+                                 {view(sigma_px).row(b).data + first, {count}},
+                                 {{{at, 2}, {at + 1, 2}, {spread, 3}, {spread + 1, 3}, {spread + 2, 3}}},
+                                 {view(usable).row(b).data + first, {count}});
             first += count;
         }
     }

@@ -84,7 +84,7 @@ bool different(const Unknowns& first, const Unknowns& second) {
 
 double most_distance(const Rig& rig, const Frame& frame, const Fit& fit, int every, ConstVector shift) {
     const int count = (frame.count + every - 1) / every;
-    std::vector<double> size(count);
+    std::vector<double> square(count);
     for (int k = 0; k < count; ++k) {
         const int i = k * every, node = fit.node[i];
         const double foot = fit.foot_m[i];
@@ -94,22 +94,22 @@ double most_distance(const Rig& rig, const Frame& frame, const Fit& fit, int eve
             const int end = frame.clamp[i] + (foot <= 0.0 ? 0 : LAST);
             along = (frame.u()[i] - fit.u[end]) * fit.normal_v[end] - (frame.v()[i] - fit.v[end]) * fit.normal_u[end];
         }
-        size[k] = std::hypot(across, along);
+        square[k] = across * across + along * along;
     }
-    return nth_smallest(size, static_cast<int>(NEAR * count));
+    return std::sqrt(nth_smallest(square, static_cast<int>(NEAR * count)));
 }
 
 double beyond_reach(const Rig& rig, const Frame& frame) {
-    std::vector<double> further(frame.count);
+    std::vector<double> square(frame.count);  // of the rays' distances from the clamp
     double away = 1.0;
     for (int i = 0; i < frame.count; ++i) {
         const auto& [x, y, z] = rig.cameras[frame.clamp[i] / NODES].translation_m;
         const double u = frame.u()[i], v = frame.v()[i], a = y - z * v, b = z * u - x, c = x * v - y * u;
-        away = std::sqrt(x * x + y * y + z * z);
-        further[i] = std::sqrt((a * a + b * b + c * c) / (1.0 + u * u + v * v)) - rig.length_m;
+        away = x * x + y * y + z * z;
+        square[i] = (a * a + b * b + c * c) / (1.0 + u * u + v * v);
     }
     const int last = frame.count - 1 - static_cast<int>(BEYOND * frame.count);
-    return nth_smallest(further, last) / away;
+    return (std::sqrt(nth_smallest(square, last)) - rig.length_m) / std::sqrt(away);
 }
 
 LargestError largest_error(const Rig& rig, const Fit& free, int every) {

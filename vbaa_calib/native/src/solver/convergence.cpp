@@ -63,7 +63,7 @@ void begin(const Task& task, const Fit* rough, Fit& fit, bool with_feet, double 
 
 // The clamp's moment per force, in antenna lengths; friction adds the load F·l²/EI over 6 to it.
 double lever_of(const Rig& rig, double distance, double force_y, double force_z, double friction) {
-    const double load = std::hypot(force_y, force_z) * load_at(rig, distance);
+    const double load = std::sqrt(force_y * force_y + force_z * force_z) * load_at(rig, distance);
     return distance * std::min(std::max(1.0 - std::tan(rig.friction_rad * friction) * load / 6.0, 0.2), 5.0);
 }
 

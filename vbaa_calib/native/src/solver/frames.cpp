@@ -26,6 +26,27 @@ void put_points(Frame& frame, int count, Row&& row_of) {
     frame.seen_by = count ? frame.clamp[0] / NODES : 0;
 }
 
+// Leaves out the points that cannot be used; the last one is repeated to the rows' ends.
+void close_up(Frame& frame, const Array<double, 1>& usable) {
+    const int every = usable.size(), wide = frame.points.shape[1];
+    int count = 0;
+    for (int i = 0; i < every; ++i) {
+        if (!(usable[i] > 0.0)) continue;
+        if (i > count) {
+            for (int k = 0; k < 5; ++k) frame.points(k, count) = frame.points(k, i);
+            frame.clamp[count] = frame.clamp[i];
+        }
+        ++count;
+    }
+    frame.count = count;
+    for (int k = 0; k < 5; ++k) {
+        double* row = frame.points.row(k).data;
+        std::fill(row + count, row + wide, count ? row[count - 1] : 0.0);
+    }
+    std::fill(frame.clamp.begin() + count, frame.clamp.end(), count ? frame.clamp[count - 1] : 0);
+    frame.seen_by = count ? frame.clamp[0] / NODES : 0;
+}
+
 }  // namespace
 
 Frame frame_of(const Rig&, const Frames& frames, int index) {
@@ -51,33 +72,23 @@ Frame frame_of(const Rig&, const Frames& frames, int index) {
 }
 
 Frame frame_of(const Rig& rig, const Pixels& pixels, int index) {
-    const int count = pixels.points.shape[1];
-    thread_local Array<double, 2> points, covariance;
+    const int count = pixels.points.shape[1], wide = whole_lanes(count);
     thread_local Array<double, 1> usable, sigma;
-    if (usable.size() != count) {
-        points = Array<double, 2>(count, 2), covariance = Array<double, 2>(count, 3);
-        usable = sigma = Array<double, 1>(count);
-    }
+    if (usable.size() != count) usable = sigma = Array<double, 1>(count);
     for (int i = 0; i < count; ++i) sigma[i] = pixels.sigma[index * pixels.sigma_apart + i * pixels.sigma_by_point];
     const auto camera_of = [&](int i) { return pixels.camera.size() ? static_cast<int>(pixels.camera(index, i)) : 0; };
+    Frame frame = {};
+    frame.points = Array<double, 2>(Unset{}, 5, wide);
+    frame.clamp = Array<int, 1>(Unset{}, wide);
     for (int first = 0, end = 0; first < count; first = end) {
         const int camera = camera_of(first);
-        while (end < count && camera_of(end) == camera) ++end;
+        while (end < count && camera_of(end) == camera) frame.clamp[end++] = camera * NODES;
+        IdealColumns to;
+        for (int k = 0; k < 5; ++k) to[k].first = &frame.points(k, first);
         ideal_points(*rig.cameras[camera].lens, pixels.points.row(index).part(first, end - first),
-                     {&sigma[first], {end - first}}, points.view().part(first, end - first),
-                     covariance.view().part(first, end - first), {&usable[first], {end - first}});
+                     {&sigma[first], {end - first}}, to, {&usable[first], {end - first}});
     }
-    std::vector<int> rows;
-    rows.reserve(count);
-    for (int i = 0; i < count; ++i) {
-        if (usable[i] > 0.0) rows.push_back(i);
-    }
-    Frame frame = {};
-    put_points(frame, static_cast<int>(rows.size()), [&](int i, int& clamp) -> std::array<double, 5> {
-        const int row = rows[i];
-        clamp = camera_of(row) * NODES;
-        return {points(row, 0), points(row, 1), covariance(row, 0), covariance(row, 1), covariance(row, 2)};
-    });
+    close_up(frame, usable);
     for (int reading = 0; reading < rig.readings; ++reading) {
         if (reading == END) continue;
         const auto& by = rig.by_wrench[reading];
@@ -91,8 +102,9 @@ Frame frame_of(const Rig& rig, const Pixels& pixels, int index) {
     frame.tip_covariance[0] = frame.tip_covariance[2] = 1.0;
     if (rig.with_tip) {
         const double* end = pixels.tip.row(index).data;
-        ideal_points(*rig.cameras[sees_tip].lens, {end, {1, 2}}, {end + 2, {1}}, {frame.tip, {1, 2}},
-                     {frame.tip_covariance, {1, 3}}, {&frame.available[END], {1}});
+        double *at = frame.tip, *spread = frame.tip_covariance;
+        ideal_points(*rig.cameras[sees_tip].lens, {end, {1, 2}}, {end + 2, {1}},
+                     {{{at}, {at + 1}, {spread}, {spread + 1}, {spread + 2}}}, {&frame.available[END], {1}});
     }
     std::copy_n(pixels.gravity_m_s2.row(index).data, 3, frame.gravity_m_s2);
     return frame;
@@ -116,23 +128,25 @@ Thinned thinned(const Frame& frame, int most) {
     return few;
 }
 
-void ideal_points(const lens::Lens& lens, ConstMatrix pixels, ConstVector sigma_px, Matrix points, Matrix covariance,
+void ideal_points(const lens::Lens& lens, ConstMatrix pixels, ConstVector sigma_px, const IdealColumns& to,
                   Vector usable) {
     const int count = pixels.shape[0];
-    Array<double, 2> slopes(count, 4);
+    thread_local Array<double, 2> slopes;
     const auto valid = std::make_unique<bool[]>(count);
-    lens::normalized_of_pixels(lens, pixels, points, slopes, valid.get());
+    if (slopes.shape[1] < count) slopes = Array<double, 2>(4, count);
+    lens::Normalized places = {to[0], to[1], {}};
+    for (int k = 0; k < 4; ++k) places.slopes[k].first = slopes.row(k).data;
+    lens::normalized_of_pixels(lens, pixels, places, valid.get());
+    const double *xu = slopes.row(0).data, *xv = slopes.row(1).data, *yu = slopes.row(2).data, *yv = slopes.row(3).data;
+    const auto put = [&](int k, int i, double value) { to[k].first[i * to[k].apart] = value; };
     for (int i = 0; i < count; ++i) {
+        const double variance = sigma_px[i] * sigma_px[i];
         usable[i] = valid[i] && std::isfinite(sigma_px[i]);
-        if (usable[i] > 0.0) {
-            const double variance = sigma_px[i] * sigma_px[i], *slope = slopes.row(i).data;
-            covariance(i, 0) = variance * (slope[0] * slope[0] + slope[1] * slope[1]);
-            covariance(i, 1) = variance * (slope[0] * slope[2] + slope[1] * slope[3]);
-            covariance(i, 2) = variance * (slope[2] * slope[2] + slope[3] * slope[3]);
-        } else {
-            points(i, 0) = points(i, 1) = covariance(i, 1) = 0.0;
-            covariance(i, 0) = covariance(i, 2) = 1.0;
-        }
+        put(2, i, variance * (xu[i] * xu[i] + xv[i] * xv[i]));
+        put(3, i, variance * (xu[i] * yu[i] + xv[i] * yv[i]));
+        put(4, i, variance * (yu[i] * yu[i] + yv[i] * yv[i]));
+        if (usable[i] > 0.0) continue;
+        for (int k = 0; k < 5; ++k) put(k, i, k == 2 || k == 4 ? 1.0 : 0.0);
     }
 }
 

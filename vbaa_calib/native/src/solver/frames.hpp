@@ -3,6 +3,7 @@
 
 #include <cstdint>
 
+#include "lens.hpp"
 #include "solver/structs.hpp"
 
 namespace vbaa::solver {
@@ -44,9 +45,12 @@ struct Thinned {
 };
 Thinned thinned(const Frame& frame, int most);
 
-// Pixels (N, 2) with standard deviations (N,) across the antenna: ideal points (N, 2), their covariances (N, 3), and 1
-// for those that can be used (N,); the others, 0, are finite all the same.
-void ideal_points(const lens::Lens& lens, ConstMatrix pixels, ConstVector sigma_px, Matrix points, Matrix covariance,
+// Where ideal points go: u, v and covariance xx, xy, yy.
+using IdealColumns = std::array<lens::Column, 5>;
+
+// Ideal points of pixels (N, 2) with standard deviations (N,) across the antenna, and 1 for those that can be used
+// (N,); the others, 0, are finite all the same.
+void ideal_points(const lens::Lens& lens, ConstMatrix pixels, ConstVector sigma_px, const IdealColumns& to,
                   Vector usable);
 
 // Where points (B, N, 2) lie along the longer side of their frame's, (B, N), which frames (B,) are not in order, and

@@ -246,8 +246,8 @@ Grid grid_search(const Rig& rig, const Frame& frame, Fit& free, int every, Work&
     Grid grid;
     const int count = (free.points + every - 1) / every;
     grid.best_steps = Array<double, 1>(free.steps.size());
-    grid.weight = Array<double, 1>(count);
-    grid.crossed = Array<double, 2>(free.steps.size(), REST + LANES);
+    grid.weight = Array<double, 1>(Unset{}, count);
+    grid.crossed = Array<double, 2>(Unset{}, free.steps.size(), REST + LANES);
     grid.image = point_jacobian(rig, free);
     const double unit = rig.unit_load * rig.length_m;
     for (double& displacement : grid.image.view()) displacement *= unit;
