@@ -144,22 +144,6 @@ def locking_std(points_px: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.norm(parts, axis=1))
 
 
-def _row_noise(image: np.ndarray) -> float:
-    """Standard deviation of the noise that all pixels of a row share in a picture (H, W[, C]), grey levels.
-
-    From second differences of neighbouring rows, averaged in blocks along them: only what the blocks share makes the
-    products of different ones positive. The median over rows leaves out the few in which an edge runs along them.
-    """
-    import cv2  # slow to load
-
-    blocks = ProfileSettings.row_blocks
-    means = cv2.resize(image.astype(np.float32), (blocks, len(image)), interpolation=cv2.INTER_AREA)
-    each = means.reshape(len(image), blocks, -1).mean(axis=2).T
-    bend = each[:, 1:-1] - 0.5 * (each[:, :-2] + each[:, 2:])
-    shared = (bend.sum(axis=0) ** 2 - (bend**2).sum(axis=0)) / (blocks * (blocks - 1))
-    return float(MAD_SCALE * np.sqrt(max(core.search.median(shared), 0.0) / 1.5))
-
-
 def _evened(image: np.ndarray, points_px: np.ndarray, reach_px: int) -> tuple[np.ndarray, float]:
     """A picture (H, W) without what the pixels of each row near a line's points (N, 2) px share, apart from a parabola
     across the rows; and the standard deviation of what is left of that, infinite where too little shows it. Pixels up
@@ -199,19 +183,15 @@ def _row_errors(
     if len(points_px) <= step:
         return found, None
     along = points_px[step:] - points_px[:-step]
-    for axis, rows in ((1, image), (0, np.swapaxes(image, 0, 1))):
-        if np.abs(along[:, axis]).min() > 1.0:
-            continue  # it crosses the rows
-        places = np.sort(points_px[:, axis])
-        alike = np.searchsorted(places, points_px[:, axis] + 0.5) - np.searchsorted(places, points_px[:, axis] - 0.5)
-        if alike.max() < step:
+    for axis in (1, 0):
+        alike, shared = core.profile.row_noise(image, points_px, axis, ProfileSettings.row_band, step)
+        if not shared > 0.0:
             continue
-        across = np.abs(along[:, 1 - axis]).mean() / np.linalg.norm(along, axis=1).mean()
-        band = ProfileSettings.row_band
-        shared = _row_noise(rows[max(int(places[0]) - band, 0) : int(places[-1]) + band + 1])
         own = max(noise**2 - shared**2, 0.25 * noise**2) ** 0.5
-        more = sigma_px * across * shared / max(own, 1e-9) * np.sqrt(alike)
+        across = float(np.abs(along[:, 1 - axis]).mean() / np.hypot(*along.T).mean())
+        more = sigma_px * (across * shared / max(own, 1e-9)) * np.sqrt(alike)
         if image.ndim == 2 and core.search.median(more) > core.search.median(sigma_px):
+            rows = image if axis else image.T
             better, left = _evened(rows, points_px if axis else points_px[:, ::-1], reach_px)
             if left < shared:
                 more, evened = more * left / shared, better if axis else np.ascontiguousarray(better.T)

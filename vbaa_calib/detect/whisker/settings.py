@@ -54,7 +54,6 @@ class ProfileSettings:
     margin_px: float = 3.0  # of a profile beyond an antenna of changing polarity: what lies farther is another thing's
     broader: float = 1.5  # breadth from which a line is measured again with longer profiles
     # noise of whole rows, or columns, of pixels
-    row_blocks: int = 16  # in which pixels of a row are averaged to see what they share: many, and each of many pixels
     row_run: int = 12  # points of a line on one row, from which it matters: as long as other errors are shared
     row_band: int = 64  # rows on either side of a line, in which what the pixels of a row share is measured
     row_pixels: int = 30  # next to a line, from which what a row's pixels share is taken off it

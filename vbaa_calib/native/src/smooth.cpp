@@ -161,7 +161,9 @@ void running_mean(ConstVector values, int size, Beyond beyond, Vector means) {
     for (int k = -before; k < after; ++k) total += beyond_ends(values, k, beyond);
     for (int n = 0; n < count; ++n) {
         means[n] = total / size;
-        total += beyond_ends(values, n + after, beyond) - beyond_ends(values, n - before, beyond);
+        const bool within = n >= before && n + after < count;
+        total += within ? values[n + after] - values[n - before]
+                        : beyond_ends(values, n + after, beyond) - beyond_ends(values, n - before, beyond);
     }
 }
 

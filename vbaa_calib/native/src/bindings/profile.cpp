@@ -3,6 +3,7 @@
 #include "bindings/picture.hpp"
 #include "detect/reflectance.hpp"
 #include "detect/ribbon_line.hpp"
+#include "detect/row_noise.hpp"
 
 namespace vbaa {
 namespace {
@@ -111,6 +112,13 @@ void bind_profile(nb::module_& module) {
     });
     room.def("to_its_end", to_its_end);
     room.def("measured", measured);
+    room.def("row_noise", [](InPicture image, InMatrix points_px, int axis, int band, int least) {
+        require(points_px.shape(1) == 2 && points_px.shape(0) > 0, "points are an array (N, 2), not empty");
+        for (const double each : view(points_px)) require(std::abs(each) < 1e9, "points are numbers of pixels");
+        require((axis == 0 || axis == 1) && band >= 0 && band < 1e6, "rows are axis 1, columns 0, a band 0 to 10^6");
+        auto found = detect::row_noise(picture(image), view(points_px), axis, band, least);
+        return nb::make_tuple(to_numpy(std::move(found.alike)), found.std);
+    });
     room.def("measured_ribbon", measured_ribbon);
     room.def("shades", [](double width_px, double blur_px, int reach_px) {
         require_pixels(width_px, blur_px, reach_px);

@@ -163,16 +163,15 @@ void in_width(Crossings& found, int n, double width, double growth) {
     if (std::abs(growth) < 1.0) found.bow[n] -= growth * found.slant[n] / found.stretch[n];
 }
 
-Crossings tapered(const Crossings& found, const Taper& taper) {
-    Crossings wider = found;
+Crossings tapered(Crossings found, const Taper& taper) {
     const Array<double, 1> share = shares(found);
     const double length = length_px(found);
     for (int n = 0; n < share.size(); ++n) {
         const double along = share[n] - 0.5;
         const double width = 1.0 + along * (taper.part + along * taper.bend) - taper.bend / 12.0;
-        in_width(wider, n, width, (taper.part + 2.0 * along * taper.bend) / (length * width));
+        in_width(found, n, width, (taper.part + 2.0 * along * taper.bend) / (length * width));
     }
-    return wider;
+    return found;
 }
 
 Array<double, 2> moved(const Crossings& found, ConstVector shift) {

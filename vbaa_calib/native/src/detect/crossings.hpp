@@ -53,7 +53,7 @@ struct Taper {
 };
 
 // The same with distances in widths of a line that tapers.
-Crossings tapered(const Crossings& found, const Taper& taper);
+Crossings tapered(Crossings found, const Taper& taper);
 
 // (N, 2) the points moved along their profiles by (N,).
 Array<double, 2> moved(const Crossings& found, ConstVector shift);

@@ -46,8 +46,7 @@ Numbers widths(const Crossings& found, const Measuring& how) {
 }
 
 // Distances in widths of its line, which blur keeps from becoming as thin as the antenna.
-Crossings in_widths(const Crossings& found, const Measuring& how) {
-    Crossings scaled = found;
+Crossings in_widths(Crossings found, const Measuring& how) {
     constexpr double FULL_WIDTH = 2.355;  // of a blur at half its height, over its deviation
     const double blur_px = FULL_WIDTH * std::hypot(how.shapes.blur_px, PIXEL_BLUR_PX);
     const double middle = std::hypot(how.width_px, blur_px);
@@ -55,9 +54,9 @@ Crossings in_widths(const Crossings& found, const Measuring& how) {
     const double growth_px = how.width_px * how.taper / length_px(found);
     for (int n = 0; n < width_px.size(); ++n) {
         const double width = std::hypot(width_px[n], blur_px);
-        in_width(scaled, n, width / middle, width_px[n] * growth_px / (width * width));
+        in_width(found, n, width / middle, width_px[n] * growth_px / (width * width));
     }
-    return scaled;
+    return found;
 }
 
 // (N,) heights of its line, of which blur leaves less where it is thinner, over that in the middle.
@@ -133,8 +132,8 @@ Learned learned_section(const Crossings& found, const Measuring& how) {
         const Observed seen = observed(learned.section, some, base, fits, chosen);
         // at first profiles where the line is much broader or thinner are not chosen: no bend is inferred for them
         const Taper taper = {seen.taper.part, step ? seen.taper.bend : 0.0};
-        learned.found = tapered(learned.found, taper);
-        some = tapered(some, taper);
+        learned.found = tapered(std::move(learned.found), taper);
+        some = tapered(std::move(some), taper);
         const Binned by_distance = binned(some, base, seen.heights, chosen, reach);
         if (step == 0 || phase_alike(some, chosen) >= ALIKE) {
             learned.section = nearest(by_distance, how.shapes);
@@ -397,7 +396,7 @@ std::optional<MeasuredLine> measured(const Picture& picture, ConstMatrix path_px
     const double sign = how.polarity < 0 ? -1.0 : 1.0;
     Crossings found = crossings(picture, path_px, how.half, sign);
     if (count(found.inside) < LEAST_PROFILES) return {};
-    if (how.taper != 0.0) found = in_widths(found, how);
+    if (how.taper != 0.0) found = in_widths(std::move(found), how);
     Lines lines = lines_of(found, how);
     FittedLine line = fitted_line(found, lines, how);
     if (!any(line.kept)) return {};

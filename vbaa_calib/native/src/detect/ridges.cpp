@@ -17,21 +17,21 @@ constexpr int QUANTILE_OF = 20'000, COMPARED = 8;
 
 using Level = std::uint8_t;
 
-// Of some of flat values each the highest of it and its neighbours `stride` apart, nearer than `pool` of them.
-void highest(const Level* values, int stride, int pool, int count, Level* __restrict to) {
+// Of some values each the highest of it and its neighbours nearer than `pool` of them.
+void highest(const Level* values, int pool, int count, Level* __restrict to) {
     std::copy(values, values + count, to);
     for (int k = 1; k < pool; ++k) {
-        const Level *before = values - k * stride, *after = values + k * stride;
+        const Level *before = values - k, *after = values + k;
         for (int i = 0; i < count; ++i) to[i] = std::max(to[i], std::max(before[i], after[i]));
     }
 }
 
-// The response of each of some flat levels against flanks `off` to either side.
+// The response of each of some flat levels against flanks `off` to either side, where it is higher than what is there.
 void respond(const Level* own, int off, int count, Level* __restrict to) {
     const Level *one = own - off, *other = own + off;
     for (int i = 0; i < count; ++i) {
         const Level flank = std::max(one[i], other[i]);
-        to[i] = static_cast<Level>(std::max(own[i], flank) - flank);
+        to[i] = std::max(to[i], static_cast<Level>(std::max(own[i], flank) - flank));
     }
 }
 
@@ -86,10 +86,10 @@ Array<std::int32_t, 2> places(ConstCube paths_px, const Reduction& reduction) {
 
 Array<std::uint8_t, 1> ridge_responses(BytePicture small, int reach, int pool, int sign) {
     const int height = small.shape[0], width = small.shape[1];
-    // all rows in one, so that loops are long; around them, room for flanks and neighbours
+    // around the picture, room for flanks and neighbours
     const int room = std::max(reach, pool), stride = width + 2 * room, tall = height + 2 * room;
     const int rows = (height + pool - 1) / pool, columns = (width + pool - 1) / pool;
-    std::vector<Level> level(tall * stride), ridge(tall * stride), pooled(rows * stride), high(rows * stride);
+    std::vector<Level> level(tall * stride), pooled(stride), high(width);
     for (int r = 0; r < tall; ++r) {
         const View<const Level, 1> own = small.row(std::clamp(r - room, 0, height - 1));
         Level* to = level.data() + r * stride;
@@ -101,21 +101,17 @@ Array<std::uint8_t, 1> ridge_responses(BytePicture small, int reach, int pool, i
         for (Level& each : level) each = static_cast<Level>(~each);
     Array<Level, 1> flat(DIRECTIONS * rows * columns + 1);
     const int diagonal = static_cast<int>(std::ceil(reach / std::sqrt(2.0)));
-    const int first = room * (stride + 1), count = tall * stride - 2 * first;
-    for (int step = 0; step < DIRECTIONS; ++step) {
-        const int far = STEPS[step][0] != 0 && STEPS[step][1] != 0 ? diagonal : reach;
-        respond(level.data() + first, far * (STEPS[step][1] * stride + STEPS[step][0]), count, ridge.data() + first);
-        for (int r = room; r < room + height; ++r) {
-            std::fill_n(ridge.begin() + r * stride, room, Level{0});
-            std::fill_n(ridge.begin() + (r + 1) * stride - room, room, Level{0});
+    for (int row = 0; row < rows; ++row)
+        for (int step = 0; step < DIRECTIONS; ++step) {
+            const int far = STEPS[step][0] != 0 && STEPS[step][1] != 0 ? diagonal : reach;
+            const int off = far * (STEPS[step][1] * stride + STEPS[step][0]);
+            std::fill_n(pooled.data() + room, width, Level{0});
+            for (int v = std::max((row - 1) * pool + 1, 0); v < std::min((row + 1) * pool, height); ++v)
+                respond(level.data() + (room + v) * stride + room, off, width, pooled.data() + room);
+            highest(pooled.data() + room, pool, width, high.data());
+            Level* const to = flat.begin() + (step * rows + row) * columns;
+            for (int column = 0; column < columns; ++column) to[column] = high[column * pool];
         }
-        for (int row = 0; row < rows; ++row)
-            highest(ridge.data() + (room + row * pool) * stride, stride, pool, stride, pooled.data() + row * stride);
-        highest(pooled.data() + pool, 1, pool, rows * stride - 2 * pool, high.data() + pool);
-        for (int row = 0; row < rows; ++row)
-            for (int column = 0; column < columns; ++column)
-                flat[(step * rows + row) * columns + column] = high[row * stride + room + column * pool];
-    }
     return flat;
 }
 
