@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 
@@ -95,59 +95,62 @@ class RecordingWatch:
 
     def push(self, measured: Measured, contact: Contact | None = None) -> None:
         """Add the next row."""
-        now = _readings(measured)
-        self._note_picture(measured, now, self.count)
-        if np.isfinite(measured.moment_Nm):
-            self._count_limits(measured.moment_Nm, self.count)
-        if contact is not None:
-            self._note_reason(contact, self.count)
-        if measured.time_s > self._time_s:
-            self._apart_s.append(measured.time_s - self._time_s)
-        sigma_px = float(measured.sigma_px[len(measured.sigma_px) // 2]) if len(measured.sigma_px) else np.nan
-        self._pictures.append((self.count, measured.points_px, sigma_px, now))
-        if len(self._pictures) >= RecordingSettings.compared:
-            self._compare()
-        self._follow(self.count, now[None])
-        series = np.concatenate([self._read, now[None]])
-        if len(measured.points_px) >= RecordingSettings.fewest_points:
-            self._seen += 1
-            if self._keeps(self.count):
-                self._keep(measured, self.count, self._around(series, len(self._read)))
-        self._read = series[-RecordingSettings.lag_most :]
-        self._time_s, self.count = measured.time_s, self.count + 1
+        points, sigma = measured.points_px, measured.sigma_px
+        read = np.array([[*measured.readings, measured.pan_rad, measured.tilt_rad]])
+        line = points, float(sigma[len(sigma) // 2]) if len(sigma) else math.nan
+        reasons = [] if contact is None else [(0, contact)]
+        self._add([line], read, np.array([measured.time_s]), lambda _: measured, [0], reasons)
 
     def push_together(self, batch: Batch, contacts: Contacts) -> None:
         """Add the next rows, of one camera and with times."""
         every = np.column_stack([batch.readings_Nm, batch.pan_rad, batch.tilt_rad])
         count = np.isfinite(batch.points_px[..., 0]).sum(axis=1)
         many, middle = count.tolist(), batch.sigma_px[np.arange(len(batch)), count // 2].tolist()
-        moments, begin = every[:, 0], self.count
-        before = 0
-        for row in _may_repeat(batch):
+        pictured = zip(batch.points_px, many, middle, strict=True)
+        lines = [(points[:own], std if own else math.nan) for points, own, std in pictured]
+        lost = np.flatnonzero(np.isin(contacts.status, ("failed", "no_antenna"))).tolist()
+        times = np.full(len(batch), np.nan) if batch.time_s is None else batch.time_s
+        self._add(lines, every, times, batch.measured, _may_repeat(batch), [(row, contacts[row]) for row in lost])
+
+    def _add(
+        self,
+        lines: list[tuple[np.ndarray, float]],
+        readings: np.ndarray,
+        time_s: np.ndarray,
+        measured: Callable[[int], Measured],
+        may_repeat: list[int],
+        reasons: list[tuple[int, Contact]],
+    ) -> None:
+        """Add B rows.
+
+        lines : of each row the points (N, 2) and a standard deviation, px. readings : (B, 8). measured : all that was
+        measured in a row. may_repeat : rows with a picture that may be that of the row before. reasons : rows without a
+        contact point, and what says why.
+        """
+        begin, moments, before = self.count, readings[:, 0], 0
+        for row in may_repeat:
             if row > before + 1:
                 self._pictured = None
-            self._note_picture(batch.measured(row), every[row], begin + row)
+            self._note_picture(measured(row), readings[row], begin + row)
             before = row
         low, high = self._limits
         for row in np.flatnonzero((moments <= low) | (moments >= high)).tolist():
             self._count_limits(float(moments[row]), begin + row)
-        for row in np.flatnonzero(np.isin(contacts.status, ("failed", "no_antenna"))).tolist():
-            self._note_reason(contacts[row], begin + row)
-        times = np.append(self._time_s, batch.time_s if batch.time_s is not None else np.nan)
-        later = np.diff(times)
+        for row, contact in reasons:
+            self._note_reason(contact, begin + row)
+        later = np.diff(time_s, prepend=self._time_s)
         self._apart_s.extend(later[later > 0.0].tolist())
-        pictured = zip(range(begin, begin + len(batch)), batch.points_px, many, middle, every, strict=True)
-        self._pictures += [(row, px[:own], std if own else math.nan, now) for row, px, own, std, now in pictured]
-        self._follow(begin, every)
-        series = np.concatenate([self._read, every])
-        for row in np.flatnonzero(count >= RecordingSettings.fewest_points).tolist():
+        self._pictures += [(begin + row, *line, readings[row]) for row, line in enumerate(lines)]
+        self._follow(begin, readings)
+        series = np.concatenate([self._read, readings])
+        for row in (row for row, (points, _) in enumerate(lines) if len(points) >= RecordingSettings.fewest_points):
             self._seen += 1
             if self._keeps(begin + row):
-                self._keep(batch.measured(row), begin + row, self._around(series, len(self._read) + row))
-        self._read, self.count = series[-RecordingSettings.lag_most :], begin + len(batch)
+                self._keep(measured(row), begin + row, self._around(series, len(self._read) + row))
+        self._read, self.count = series[-RecordingSettings.lag_most :], begin + len(lines)
         if len(self._pictures) >= RecordingSettings.compared:
             self._compare()
-        self._time_s = float(times[-1])
+        self._time_s = float(time_s[-1])
 
     def _note_picture(self, measured: Measured, now: np.ndarray, row: int) -> None:
         """Whether a row has the picture of those before, although the antenna has moved by the readings."""
@@ -430,10 +433,6 @@ def _untested(case: Case) -> list[Diagnosis]:
         remedy = "begin with ten frames of the free antenna over 20° of tilt or more"
         found.append(Diagnosis("joints_untested", words, remedy, "note"))
     return found
-
-
-def _readings(measured: Measured) -> np.ndarray:
-    return np.array([*measured.readings, measured.pan_rad, measured.tilt_rad])
 
 
 def _same_picture(measured: Measured, before: Measured) -> bool:

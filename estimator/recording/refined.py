@@ -122,9 +122,10 @@ def refine(
     elif not reason and known is None:
         table = _table(contacts, problem, found, rows)
         touched = _object(table, _rig_of(problem, found))
-        prior = None if touched is None else _friction_prior(table, touched, problem, rows)
+        before = _as_estimated(table, problem.friction_rad)
+        prior = None if touched is None else _by_coulomb(table, touched.track, touched.friction, before)
         if prior is not None:
-            problem, found, note = _with_coulomb(problem, found, prior, strokes)
+            problem, found, note = _with_coulomb(problem, found, prior.picked(rows), strokes)
             notes += note
     # with two cameras the rig is known so well that the frames' errors of second order look like a trend
     if not reason and not rig.others and found.trend_p < RefineSettings.another_rig:
@@ -289,14 +290,6 @@ def _object(table: ContactTable, rig: Rig) -> ObjectEstimate | None:
         return estimate_object(table, rig, events=False)
     except InputError:
         return None
-
-
-def _friction_prior(
-    table: ContactTable, touched: ObjectEstimate, problem: RecordingProblem, rows: np.ndarray
-) -> FrictionPrior | None:
-    """Prior (P,) of the frames' friction angles by the object's friction, from contacts that are refined already."""
-    whole = _by_coulomb(table, touched.track, touched.friction, _as_estimated(table, problem.friction_rad))
-    return None if whole is None else whole.picked(rows)
 
 
 def _rig_of(problem: RecordingProblem, found: Solution) -> Rig:

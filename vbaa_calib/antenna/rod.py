@@ -195,17 +195,13 @@ def _rigidly_clamped(
 
 
 def _shape_of(rod: Rod, contact_m: np.ndarray, nodes: np.ndarray, clamp_moment_Nm: np.ndarray) -> RodShape:
-    """B solved rods from their nodes (B, N, 4, 3): position, directors d1 and d2, moment."""
-    tangents = nodes[:, :, 1] / np.linalg.norm(nodes[:, :, 1], axis=-1, keepdims=True)
-    return RodShape(_node_arclength(rod, contact_m).T, nodes[:, :, 0], tangents, clamp_moment_Nm)
-
-
-def _node_arclength(rod: Rod, contact_m: np.ndarray) -> np.ndarray:
-    """(N, B) arc lengths of the nodes: two evenly divided segments that meet at the contact (B,), or half way for a
-    contact at the tip."""
+    """B solved rods from their nodes (B, N, 4, 3): position, directors d1 and d2, moment. These divide evenly two
+    segments that meet at the contact (B,), or half way for a contact at the tip."""
     split = np.where(contact_m < rod.length_m, contact_m, rod.length_m / 2)
     share = np.linspace(0.0, 1.0, STEPS_PER_SEGMENT + 1)[:, None]
-    return np.concatenate([share * split, (split + share * (rod.length_m - split))[1:]])
+    arclength = np.concatenate([share * split, (split + share * (rod.length_m - split))[1:]]).T
+    tangents = nodes[:, :, 1] / np.linalg.norm(nodes[:, :, 1], axis=-1, keepdims=True)
+    return RodShape(arclength, nodes[:, :, 0], tangents, clamp_moment_Nm)
 
 
 def sample_shape(shape: RodShape, arclength_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -247,14 +247,13 @@ def _drawn(axes: Plot) -> Iterator[str]:
     """SVG of the marks; consecutive marks of the same appearance become one path."""
     described = ((_look(mark), mark.tip, mark) for mark in axes.marks)
     for (look, tip), marks in groupby(described, key=lambda one: one[:2]):
-        path = "".join(_mark_path(axes, mark) for _, _, mark in marks)
+        shapes = ((mark, axes.pixels(mark.points)) for _, _, mark in marks)
+        path = "".join(
+            _arcs(at[:, 0], at[:, 1:] - at[:, :1]) if mark.ellipse else _path(at, closed=bool(mark.fill))
+            for mark, at in shapes
+        )
         drawn = f'<path style="{look}" d="{path}"/>'
         yield f"<g><title>{escape(tip)}</title>{drawn}</g>" if tip else drawn
-
-
-def _mark_path(axes: Plot, mark: PlotMarks) -> str:
-    at = axes.pixels(mark.points)
-    return _arcs(at[:, 0], at[:, 1:] - at[:, :1]) if mark.ellipse else _path(at, closed=bool(mark.fill))
 
 
 def _path(points_px: np.ndarray, closed: bool = False) -> str:

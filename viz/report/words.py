@@ -119,9 +119,10 @@ def frame_facts(table: ContactTable, rig: Rig | None) -> list[Fact]:
     if here.any():
         force = 1e3 * np.hypot(table.force_y_N, table.force_z_N)[here]
         point = 1e3 * np.sqrt(np.trace(table.covariance_world_m2[here], axis1=1, axis2=2))
-        words = f"Forces of {np.nanmin(force):.3g} to {np.nanmax(force):.3g} mN across the antenna"
         if partly := int(np.isnan(force).sum()):
             words = f"Forces, in {partly} of {len(force)} contacts known across the line of sight only"
+        else:
+            words = f"Forces of {force.min():.3g} to {force.max():.3g} mN across the antenna"
         if np.isfinite(point).any():
             middle, worst = (float(np.nanquantile(point, share)) for share in (0.5, 0.95))
             words += f"; contact points known to {middle:.2g} mm in space (median; 95 % of them to {worst:.2g} mm)"
