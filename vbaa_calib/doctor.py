@@ -328,10 +328,7 @@ def _packages(
         except metadata.PackageNotFoundError:
             if not asked:
                 problem = Diagnosis(
-                    "not_installed",
-                    f"{_DISTRIBUTION} is not installed",
-                    _pip("install", _DISTRIBUTION),
-                    "wrong",
+                    "not_installed", f"{_DISTRIBUTION} is not installed", _pip("install", _DISTRIBUTION), "wrong"
                 )
                 return HealthFinding("packages", "unknown", (problem,))
         requirements = asked or known
@@ -354,8 +351,7 @@ def _packages(
 
 
 def _shadows(
-    folder: Path | None = None,
-    owners: Callable[[], Mapping[str, list[str]]] = metadata.packages_distributions,
+    folder: Path | None = None, owners: Callable[[], Mapping[str, list[str]]] = metadata.packages_distributions
 ) -> HealthFinding:
     """Where packages are taken from now, what the current folder would put in their place, and the owner of our files.
 

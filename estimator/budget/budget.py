@@ -261,11 +261,7 @@ def _variance(propagation: _Propagation) -> np.ndarray:
 
 
 def _propagate(
-    linear: _Linearization,
-    space: _ErrorSpace,
-    cause: str = "",
-    factor: float = 1.0,
-    errors: np.ndarray | None = None,
+    linear: _Linearization, space: _ErrorSpace, cause: str = "", factor: float = 1.0, errors: np.ndarray | None = None
 ) -> _Propagation:
     """The error propagation of contacts, with the rig as it is or with a cause's standard deviation multiplied by a
     factor, as if it were measured again (which narrows correlated ones, too). errors : (S, S) map from unit errors

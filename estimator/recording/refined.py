@@ -90,10 +90,7 @@ def _pair(before: np.ndarray, after: np.ndarray) -> dict[str, float | None]:
 
 @gate
 def refine(
-    contacts: ContactTable,
-    rig: Rig,
-    recording: Sequence[Measured],
-    known: KnownObject | None = None,
+    contacts: ContactTable, rig: Rig, recording: Sequence[Measured], known: KnownObject | None = None
 ) -> Refined:
     """Solve one maximum a posteriori problem over all frames of a recording.
 
@@ -235,11 +232,7 @@ def _usable(contacts: ContactTable, recording: Sequence[Measured]) -> np.ndarray
 
 
 def _begun(
-    contacts: ContactTable,
-    rig: Rig,
-    recording: Sequence[Measured],
-    rows: np.ndarray,
-    known: KnownObject | None,
+    contacts: ContactTable, rig: Rig, recording: Sequence[Measured], rows: np.ndarray, known: KnownObject | None
 ) -> tuple[RecordingProblem, State]:
     """The problem and its initial state: the contacts as estimated, the rig as calibrated."""
     arrays, at = RigArrays.from_rig(rig, FRICTION_RAD), contacts.picked(rows)

@@ -64,11 +64,7 @@ def _planar_elastica(
 
 
 def planar_elastica_dead(
-    s_m: ArrayLike,
-    contact_m: ArrayLike,
-    force_N: ArrayLike,
-    stiffness_Nm2: ArrayLike,
-    inclination_rad: ArrayLike = 0.0,
+    s_m: ArrayLike, contact_m: ArrayLike, force_N: ArrayLike, stiffness_Nm2: ArrayLike, inclination_rad: ArrayLike = 0.0
 ) -> _PlanarShape:
     """`_planar_elastica` under a force of fixed direction, such as a hanging weight.
 

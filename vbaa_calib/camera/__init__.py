@@ -10,14 +10,7 @@ from .plane import in_plane_axes, intersect_hinge_plane, intersect_plane
 if TYPE_CHECKING:
     from .on_plane import CameraOnPlane
 
-__all__ = [
-    "Camera",
-    "CameraOnPlane",
-    "ValidRegion",
-    "in_plane_axes",
-    "intersect_hinge_plane",
-    "intersect_plane",
-]
+__all__ = ["Camera", "CameraOnPlane", "ValidRegion", "in_plane_axes", "intersect_hinge_plane", "intersect_plane"]
 
 
 def __getattr__(name: str) -> Any:

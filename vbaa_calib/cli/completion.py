@@ -31,15 +31,9 @@ EXAMPLES = {
         "vbaa convert rig.json --to ros -o camera_info.yaml",
         "vbaa convert rig.json --to opencv -o camera.yml",
     ),
-    "export": (
-        "vbaa export rig.json --to mujoco -o antenna.xml",
-        "vbaa export rig.json --to pyelastica -o antenna.py",
-    ),
+    "export": ("vbaa export rig.json --to mujoco -o antenna.xml", "vbaa export rig.json --to pyelastica -o antenna.py"),
     "schema": ("vbaa schema session", "vbaa schema rig"),
-    "budget": (
-        "vbaa budget rig.json",
-        "vbaa budget rig.json --distance 0.14 --force-y 0.06 --force-z -0.04",
-    ),
+    "budget": ("vbaa budget rig.json", "vbaa budget rig.json --distance 0.14 --force-y 0.06 --force-z -0.04"),
     "track": ("vbaa track contacts.csv -o track.csv", "vbaa track contacts.csv --rig rig.json -o slips.csv"),
     "check": ("vbaa check rig.json session", "vbaa check rig.json session --html check.html"),
     "estimate": (

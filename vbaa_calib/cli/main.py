@@ -28,10 +28,7 @@ from .completion import EXAMPLES
 VERBS = {
     "doctor": ("vbaa_calib.cli.doctor", "is this installation healthy? each problem with its remedy"),
     "demo": ("viz.cli.demo", "the whole chain on a bundled scene, with its errors against the truth"),
-    "board": (
-        "vbaa_calib.cli.board",
-        "a ChArUco board to print to scale: PDF or SVG with rulers, or PNG for a screen",
-    ),
+    "board": ("vbaa_calib.cli.board", "a ChArUco board to print to scale: PDF or SVG with rulers, or PNG for a screen"),
     "wizard": ("viz.cli.wizard", "guided, resumable calibration: from a printed board to a trusted rig"),
     "intrinsics": ("viz.cli.intrinsics", "lens from photos of a ChArUco board"),
     "calibrate": ("viz.cli.calibrate", "a session to rig.json: lens, plane C, antenna, sensors; or a rig over time"),

@@ -26,11 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "table", type=Path, help="CSV with the columns x_m,unloaded_y_m,loaded_y_m; or a photograph of the bent rod"
     )
     parser.add_argument(
-        "--load",
-        dest="force_N",
-        type=float,
-        metavar="N",
-        help="in newtons, + along +y; along gravity in a photograph",
+        "--load", dest="force_N", type=float, metavar="N", help="in newtons, + along +y; along gravity in a photograph"
     )
     parser.add_argument(
         "--distance",
@@ -146,7 +142,7 @@ def _not_separated(solution: StiffnessSolution) -> list[str]:
     state = "held at 0" if solution.offset_free else "free"
     sentences = [
         f"the gauge's offset: with it {state}, EI would be {_percent(other, fit)}, at {1e3 * other.rms_m:.3g} mm rms "
-        f"against {1e3 * fit.rms_m:.3g}",
+        f"against {1e3 * fit.rms_m:.3g}"
     ]
     if free is not None:
         sentences.append(

@@ -188,12 +188,10 @@ class AntennaImage:
         Within(description="of the free antenna's line above its background, grey levels"),
     ] = None
     looks: Annotated[
-        _Looks | None,
-        Within(description="mean colour at places from clamp to tip and its deviation, grey levels"),
+        _Looks | None, Within(description="mean colour at places from clamp to tip and its deviation, grey levels")
     ] = None
     both_edges: Annotated[
-        bool,
-        Within(description="light from one side pulls its line, which is measured by both of its edges"),
+        bool, Within(description="light from one side pulls its line, which is measured by both of its edges")
     ] = False
 
     def __post_init__(self) -> None:

@@ -588,10 +588,7 @@ class Rig:
             "schema": SCHEMA,
             "camera": self.camera.to_dict(),
             "T_antenna_camera": self.T_antenna_camera.to_dict(),
-            "antenna": {
-                **self.antenna.to_dict(self.std),
-                **({} if self.tip is None else {"tip": self.tip.to_dict()}),
-            },
+            "antenna": {**self.antenna.to_dict(self.std), **({} if self.tip is None else {"tip": self.tip.to_dict()})},
             "moment_sensor": asdict(first) | std if first.exists else None,
             **({} if more is None else {"wrench_sensor": more.to_dict()}),
             "kinematics": kinematics_to_dict(self.kinematics),

@@ -63,8 +63,7 @@ class _Noload:
     clamp_rotation_yz_rad: Annotated[np.ndarray, array_of(2, ge=-1.5, le=1.5)]
     bow_yz_per_m: Annotated[np.ndarray, array_of(2, ge=-1000, le=1000)]
     clamp_give_m: Annotated[
-        Number,
-        Field(ge=-1, le=1, description="length of antenna that would bend as much as the clamp gives way"),
+        Number, Field(ge=-1, le=1, description="length of antenna that would bend as much as the clamp gives way")
     ] = 0.0
 
 
@@ -84,9 +83,7 @@ class _RigAntenna:
     ] = None
     tip: Tip | None = None
     parameters_std: Annotated[
-        np.ndarray,
-        array_of(9, ge=0, le=1e3),
-        Field(description="of one of several, in the order of joint.parameters"),
+        np.ndarray, array_of(9, ge=0, le=1e3), Field(description="of one of several, in the order of joint.parameters")
     ] = field(default_factory=lambda: np.zeros(9))
 
     def antenna(self) -> Antenna:
@@ -141,9 +138,7 @@ class _AxesUncertainty:
     """Uncertainty of axis_skew_rad, axis_offset_m and tilt_zero_rad."""
 
     std: Annotated[
-        np.ndarray,
-        array_of(3, ge=0, le=1),
-        Field(description="standard deviations for a camera pose that is exact"),
+        np.ndarray, array_of(3, ge=0, le=1), Field(description="standard deviations for a camera pose that is exact")
     ] = field(default_factory=lambda: np.zeros(3))
     by_pose: Annotated[
         np.ndarray,
@@ -177,8 +172,7 @@ class RigFile(FileModel):
     antenna: _RigAntenna
     moment_sensor: Annotated[_RigSensor | None, Field(description="about y; null: a rig without")]
     second_moment_sensor: Annotated[
-        MomentSensor | None,
-        Field(description="of older files: about z, as a wrench_sensor of mz that counts as exact"),
+        MomentSensor | None, Field(description="of older files: about z, as a wrench_sensor of mz that counts as exact")
     ] = None
     wrench_sensor: _FileWrenchSensor | None = None
     kinematics: _RigKinematics

@@ -52,11 +52,7 @@ def _listed(table: Path, rig: Path | None) -> list[tuple[str, Path, Path | None]
     if len(rows) > _MOST:
         raise InputError(f"lists more than {_MOST} recordings", where=table, remedy="make several batches of them")
     return [
-        (
-            row.get("name", ""),
-            table.parent / row["recording"],
-            table.parent / row["rig"] if row.get("rig") else rig,
-        )
+        (row.get("name", ""), table.parent / row["recording"], table.parent / row["rig"] if row.get("rig") else rig)
         for row in rows
     ]
 

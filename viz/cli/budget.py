@@ -107,8 +107,7 @@ def _touches(args: argparse.Namespace, rig: Rig) -> BudgetContacts:
     nearest = core.solver.NEAREST * length
     if not nearest < distance <= length:
         raise InputError(
-            f"--distance {args.distance:g} m is not on the antenna",
-            remedy=f"give {nearest:.3g} to {length:.4g} m",
+            f"--distance {args.distance:g} m is not on the antenna", remedy=f"give {nearest:.3g} to {length:.4g} m"
         )
     force = np.array([args.force_y, args.force_z])
     touch = touch_of_force(RigArrays.from_rig(rig, args.friction, drift=False), distance, force, pan, tilt)

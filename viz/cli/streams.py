@@ -137,11 +137,7 @@ def timing_of(args: argparse.Namespace, rig: Rig | None = None) -> Timing:
     if not abs(offset_s) <= 1e12:
         remedy = "give seconds, like 0.012, or estimate"
         raise InputError(f"--clock-offset is {args.clock_offset!r}", remedy=remedy)
-    for name, least, most in (
-        ("gap", 1e-6, 3600.0),
-        ("wait", 0.0, 3600.0),
-        ("together", 0.0, 3600.0),
-    ):
+    for name, least, most in (("gap", 1e-6, 3600.0), ("wait", 0.0, 3600.0), ("together", 0.0, 3600.0)):
         value = getattr(args, name)
         if not least <= value <= most:  # NaN is not, either
             raise InputError(f"--{name} is {value}", remedy=f"give a number from {least:g} to {most:g}")

@@ -480,12 +480,7 @@ def _fitted(rubs: _FrictionTouches) -> tuple[_FrictionTouches, _Coefficient | No
 
 
 def _update_normals(
-    normals: Normals,
-    axes: _Axes,
-    rubs: _FrictionTouches,
-    found: _Angles,
-    mu: _Coefficient | None,
-    largest_mu: float,
+    normals: Normals, axes: _Axes, rubs: _FrictionTouches, found: _Angles, mu: _Coefficient | None, largest_mu: float
 ) -> Normals:
     """The shape's normals, rotated about the antenna by the forces: for sliding touches by the fit of μ; for others,
     and where no μ fits, into the cone of `largest_mu`, inf where that is unknown."""

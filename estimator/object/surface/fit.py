@@ -105,11 +105,7 @@ def begin(touches: Touches, antenna_radius_m: np.ndarray | float) -> tuple[tuple
 
 
 def fit(
-    touches: Touches,
-    antenna_radius_m: np.ndarray | float,
-    patches: tuple[Patch, ...],
-    state: _FitState,
-    yielding: bool,
+    touches: Touches, antenna_radius_m: np.ndarray | float, patches: tuple[Patch, ...], state: _FitState, yielding: bool
 ) -> SurfaceFit:
     """Alternates from a state until the compliance converges or clearly does not. yielding : whether with one."""
     if not yielding:
@@ -195,11 +191,7 @@ def _surface_points(
 
 
 def _next_shape(
-    patches: tuple[Patch, ...],
-    seen: list[LocalTouches],
-    solution: ShapeSolution,
-    slope: np.ndarray,
-    state: _FitState,
+    patches: tuple[Patch, ...], seen: list[LocalTouches], solution: ShapeSolution, slope: np.ndarray, state: _FitState
 ) -> _FitState:
     """Slopes, bounded, curvatures and compliance from a solution and its slopes (P, 2) at the touches."""
     bend = state.bend_per_m.copy()

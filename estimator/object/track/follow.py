@@ -20,14 +20,7 @@ from scipy.special import log_ndtr, logsumexp
 
 from estimator.contact.common_errors import CommonErrors, shared_errors
 from estimator.contact.motion import Beam
-from estimator.object.track.onset import (
-    ContactChange,
-    Event,
-    Track,
-    TrackSettings,
-    baseline_candidates,
-    contact_states,
-)
+from estimator.object.track.onset import ContactChange, Event, Track, TrackSettings, baseline_candidates, contact_states
 from estimator.table.contacts import LOCATED, ContactTable
 from vbaa_calib.core.robust import NORMAL_QUARTILE
 from vbaa_calib.geometry import Kinematics
