@@ -177,7 +177,7 @@ def test_scipy_ends_at_the_same_minimum(components: tuple[str, ...], contact: fl
 def test_errors_are_as_large_as_stated(components: tuple[str, ...]) -> None:
     """Distance and force of drawn frames of drawn rigs: their errors in the stated standard deviations are normal."""
     rng, sensor, std, count = np.random.default_rng(9), Sensor.of(components), 0.3 * RIG_STD, 160
-    off, rig = [], sensor.rig(std)
+    drawn = []
     for _ in range(count):
         steps = rng.normal(size=15 + len(sensor.parameter_std))
         world = WORLD.moved(np.append(std[:15] * steps[:15], np.zeros(2)))
@@ -187,10 +187,12 @@ def test_errors_are_as_large_as_stated(components: tuple[str, ...]) -> None:
         _, force, load = pressed(world, one, contact, lateral)
         reads = sensor.moved(sensor.parameter_std * steps[15:])
         readings = reads.read(load[:3], load[3:]) + sensor.std * rng.normal(size=len(components))
-        found = solved([one], readings[None], rig, sensor)
-        error = (found.force_N[0] - force)[1:]
-        square = error @ np.linalg.solve(found.covariance[0, 4:, 4:], error) / 2.0
-        off.append([(found.unknowns[0, 0] - contact) / found.std[0, 0], np.sqrt(square)])
+        drawn.append((one, readings, contact, force))
+    several, readings, contacts, forces = zip(*drawn, strict=True)
+    found = solved(list(several), np.array(readings), sensor.rig(std), sensor)
+    errors = (found.force_N - np.array(forces))[:, 1:]
+    squares = np.einsum("fi,fij,fj->f", errors, np.linalg.inv(found.covariance[:, 4:, 4:]), errors) / 2.0
+    off = np.column_stack([(found.unknowns[:, 0] - contacts) / found.std[:, 0], np.sqrt(squares)])
     rms = np.sqrt(np.mean(np.square(off), axis=0))
     assert (np.abs(rms - 1.0) < 0.15).all(), rms
     assert np.abs(off).max() < 4.5

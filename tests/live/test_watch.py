@@ -66,11 +66,13 @@ class Bench:
         return found
 
     def alarms(self, several: list[Measured]) -> tuple[list[tuple[int, Diagnosis]], list[Contact]]:
-        """What the watch says of these frames, and their contacts."""
+        """What the watch says of these frames until its first alarm, and the contacts of all."""
         contacts = list(ContactEstimator(self.rig, jobs=1).run(several))
         watch = RigWatch(self.rig, waits=True)
         for measured, contact in zip(several, contacts, strict=True):
             watch.push(measured, contact)
+            if watch.alarms:
+                break
         watch.close()
         return watch.alarms, contacts
 
