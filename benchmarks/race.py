@@ -19,9 +19,17 @@ import numpy as np
 
 from benchmarks.estimator.baselines import one_contact
 from benchmarks.estimator.bound import Bound, bound
-from benchmarks.estimator.cameras import centrelines, drawn, with_second
-from benchmarks.estimator.scenes import Scenes, elastica_shapes, push_for_slope, random_scenes, rolled, scenes
-from benchmarks.estimator.setup import Setup
+from benchmarks.estimator.scenes import (
+    Scenes,
+    centrelines,
+    elastica_shapes,
+    push_for_slope,
+    random_scenes,
+    rolled,
+    scenes,
+    with_second,
+)
+from benchmarks.estimator.setup import Setup, drawn_truth
 from benchmarks.figures import COLOURS, INK, label, legend, panels
 from benchmarks.harness import Findings, Options, column, concatenated, mean, processor_seconds, rms, table, timed
 from benchmarks.mistakes.rigs import KINDS, before_loads, drawn_world, observed, session_of, stills_of
@@ -295,7 +303,7 @@ def by_cameras(count: int, seed: int) -> list[ContactsRow]:
     for name, rig in (("exact", exact_rig), ("calibrated", calibrated_pair(seed))):
         for sigma_px in NOISES_PX:
             rng = np.random.default_rng((seed, int(1e3 * sigma_px), name == "exact"))
-            truths = [rig] if name == "exact" else [drawn(rig, rng) for _ in range(_RIGS)]
+            truths = [rig] if name == "exact" else [drawn_truth(rig, rng) for _ in range(_RIGS)]
             own = count if name == "exact" else max(count // _FEWER, 2)
             parts = [_recorded(true, own, sigma_px, rng) for true in truths]
             rows += _camera_rows(name, rig, parts)

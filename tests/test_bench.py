@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.estimator import grid as estimator_grid
-from benchmarks.estimator.bound import QUANTITIES
+from benchmarks.estimator.grid import QUANTITIES
 from benchmarks.estimator.hard import CASES, Hard, deviations, estimated, judged_at_random, resized
 from benchmarks.estimator.hard import run as run_hard
 from benchmarks.estimator.setup import Setup

@@ -10,11 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.stats import norm
 
 from benchmarks.estimator.scenes import Scenes, Shapes, Touches, bending_at, rod_shapes, seen
 from benchmarks.harness import concatenated
-from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.geometry.covariance import independent_axes
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, RIG_STEPS, Rig
 
@@ -196,75 +194,3 @@ def _inverse(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         "bik,bk,bjk->bij", axes, np.where(sound[:, None], 1.0 / np.where(sizes > 0, sizes, 1.0), 0.0), axes
     )
     return inverse / (scale[:, :, None] * scale[:, None, :]), np.where(sound, condition, np.inf)
-
-
-QUANTITIES = ("l", "f_y", "f_z")
-_REGION = 0.95
-
-
-@dataclass(frozen=True, eq=False)
-class Estimates:
-    """Of B frames; rows without numbers are NaN.
-
-    values, std : (B, 3) l in m, f_y and f_z in N. force_N : (B, 3).
-    status, model : (B,) words.
-    """
-
-    values: np.ndarray
-    std: np.ndarray
-    force_N: np.ndarray
-    status: np.ndarray
-    model: np.ndarray
-
-    @property
-    def numbered(self) -> np.ndarray:
-        """(B,) which frames came with numbers."""
-        return np.isfinite(self.values).all(axis=1) & np.isfinite(self.std).all(axis=1)
-
-
-def estimate(scenes: Scenes, model: str, friction_std_rad: float) -> Estimates:
-    """Every frame by the estimator, given the points' true deviation and the friction to expect."""
-    if not len(scenes):
-        nothing, words = np.zeros((0, 3)), np.zeros(0, str)
-        return Estimates(nothing, nothing, nothing, words, words)
-    found = scenes.estimated(model, friction_std_rad)
-    values, std = np.c_[found.distance_m, found.force_N[:, 1:]], np.c_[found.distance_std_m, found.force_std_N[:, 1:]]
-    return Estimates(values, std, found.force_N, found.status, np.array(RUNGS)[found.numbers.rung])
-
-
-def truth(scenes: Scenes) -> np.ndarray:
-    """(B, 3) true l, f_y and f_z."""
-    return np.concatenate([scenes.distance_m[:, None], scenes.force_N[:, 1:]], axis=1)
-
-
-@dataclass(frozen=True)
-class Quality:
-    """Of one quantity over the draws of one scene, or over many scenes.
-
-    of_bound : rms error over the bound's. bias : mean error over the sampled standard deviation.
-    covered : share of the 95 % intervals that hold the truth.
-    """
-
-    of_bound: float
-    bias: float
-    covered: float
-
-
-def quality(errors: np.ndarray, predicted_std: np.ndarray, bound_std: np.ndarray | float) -> Quality:
-    """Of errors (D,) with predicted deviations (D,) and bounds () or (D,); NaN with fewer than two."""
-    if len(errors) < 2:
-        return Quality(np.nan, np.nan, np.nan)
-    inside = np.abs(errors) <= norm.isf((1 - _REGION) / 2) * predicted_std
-    # in deviations, so that scenes of different size count alike
-    scaled = errors / bound_std
-    return Quality(
-        of_bound=float(np.sqrt(np.mean(scaled**2))),
-        bias=float(scaled.mean() / scaled.std(ddof=1)),
-        covered=float(inside.mean()),
-    )
-
-
-def standard_errors(draws: float) -> Quality:
-    """What `quality` scatters by from noise alone, for draws of an efficient estimator."""
-    spread = float(np.sqrt(_REGION * (1 - _REGION) / draws))
-    return Quality(float(1 / np.sqrt(2 * draws)), float(1 / np.sqrt(draws)), spread)

@@ -20,7 +20,7 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.geometry import Pose
 from vbaa_calib.native import core
-from vbaa_calib.rig import Rig
+from vbaa_calib.rig import RIG_PARAMETERS, Rig
 
 _TOLERANCE = 1e-10
 """On the moment left at the tip in EI/L, and on the sine of the force's angle."""
@@ -360,3 +360,27 @@ def _single_loads() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     loads = np.linspace(0.0, _LARGEST_LOAD, 600)
     shape = normal_load([1.0], loads)
     return loads, shape.w_m[:, 0], shape.theta_rad[:, 0]
+
+
+# --- rigs with two cameras, and what both see
+
+
+def with_second(rig: Rig, angle_rad: float = np.pi / 2) -> Rig:
+    """The rig with a second camera like the first, `right`, turned by an angle about the antenna's x axis; the first is
+    `left`."""
+    count = len(RIG_PARAMETERS) + len(rig.camera.parameter_names)
+    covariance = np.zeros((count, count))
+    covariance[: len(rig.covariance), : len(rig.covariance)] = rig.covariance
+    first, turn = (
+        replace(rig, covariance=covariance, camera_name="left"),
+        Pose.from_rotvec(np.array([angle_rad, 0.0, 0.0]), np.zeros(3)),
+    )
+    second = replace(first, T_antenna_camera=turn @ rig.T_antenna_camera, camera_name="right")
+    return replace(first, others={"right": second})
+
+
+def centrelines(rig: Rig, frames: Scenes, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Pixels (B, N, 2) of each of a rig's cameras, with the frames' noise."""
+    pictures = (seen(one.camera, one.T_antenna_camera, frames.shapes.points_m) for one in rig.cameras.values())
+    noisy = [points + rng.normal(0.0, frames.sigma_px, points.shape) for points in pictures]
+    return dict(zip(rig.cameras, noisy, strict=True))

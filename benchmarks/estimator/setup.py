@@ -114,12 +114,14 @@ def inside(pixels: np.ndarray, image_size: tuple[int, int], margin: float = 0.0)
 
 
 def drawn_truth(rig: Rig, rng: np.random.Generator) -> Rig:
-    """A true rig that the given one may be the calibration of: off by one draw of its joint covariance.
+    """A true rig, all of its cameras, that the given one may be the calibration of: off by one draw of its joint
+    covariance.
 
     The clamp's give stays as it is: the simulated clamps are rigid.
     """
     count = len(rig.covariance)
-    step = np.linalg.cholesky(rig.covariance + 1e-30 * np.eye(count)) @ rng.normal(size=count)
+    root = rig.axes if rig.others else np.linalg.cholesky(rig.covariance + 1e-30 * np.eye(count))
+    step = root @ rng.normal(size=root.shape[1])
     step[RIG_PARAMETERS.index("clamp_give_m")] = 0.0
     return rig.moved(step)
 

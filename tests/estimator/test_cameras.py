@@ -9,9 +9,17 @@ import numpy as np
 import pytest
 
 from benchmarks.estimator.bound import bound
-from benchmarks.estimator.cameras import centrelines, drawn, with_second
-from benchmarks.estimator.scenes import Scenes, push_for_slope, random_scenes, rod_shapes, rolled, scenes
-from benchmarks.estimator.setup import Setup
+from benchmarks.estimator.scenes import (
+    Scenes,
+    centrelines,
+    push_for_slope,
+    random_scenes,
+    rod_shapes,
+    rolled,
+    scenes,
+    with_second,
+)
+from benchmarks.estimator.setup import Setup, drawn_truth
 from estimator import ContactEstimator
 from estimator.contact.inputs import Batch
 from estimator.solver.linearised import linearised
@@ -89,7 +97,7 @@ def test_a_calibrated_rigs_intervals_cover() -> None:
     """Truths drawn from the joint covariance of both cameras: their own errors, and the antenna's that they share."""
     rng, off = np.random.default_rng(3), []
     for seed in range(60):
-        true = drawn(CALIBRATED, rng)
+        true = drawn_truth(CALIBRATED, rng)
         frames, lines = touched(true, 5, 100 + seed, sigma_px=0.05)
         found = answers(CALIBRATED, replace(frames, rig=CALIBRATED), lines)
         assert (found.status == "ok").all()

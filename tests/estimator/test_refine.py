@@ -8,7 +8,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-from benchmarks.estimator.cameras import drawn
 from benchmarks.estimator.setup import ACROSS, Setup, drawn_truth
 from benchmarks.object.scenes import AXIS, CASES, CENTRE, RIGID, SETUP, Recorded, contacts, play
 from benchmarks.recording import CELLS, PIN_M, PIN_STD_M, bound_m, lengthened, measured, played, run
@@ -170,7 +169,7 @@ def seen(seed: int) -> tuple[list[Recorded], ContactTable, list[list[Measured]],
     """The recording by both cameras of one calibration, what the first finds frame by frame, and the rig of both."""
     rng = np.random.default_rng((31, seed))
     first, other = (replace(setup, exact=False).rig() for setup in SETUPS)
-    both = drawn(replace(first, others={"other": other}), rng)
+    both = drawn_truth(replace(first, others={"other": other}), rng)
     several = [one.noisy(rng, rig) for one, rig in zip(shown(), both.cameras.values(), strict=True)]
     return several, contacts(several[0]), [measured(each) for each in several], both
 
