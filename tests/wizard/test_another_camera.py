@@ -49,7 +49,7 @@ def test_two_cameras_come_into_one_rig(tmp_path: Path) -> None:
         files[name] = answers_file(tmp_path / f"{name}.yaml", known)
     code, said = call(session, "--answers", files["left"], "--another-camera", "left of it")
     assert (code, "its own name" in said) == (2, True)
-    code, said = call(session, "--another-camera", "right")
+    code, said = call(session, "--answers", files["left"], "--another-camera", "right")
     assert (code, "is not answered" in said) == (2, True), said
     with Store(right) as own:
         kept = own.journal.answers

@@ -105,34 +105,6 @@ class _RigSensor(MomentSensor):
     offset_std_Nm: Deviation | None = None
 
 
-_PerChannel = Annotated[list[Annotated[Number, Field(ge=-1e9, le=1e9)]], Field(min_length=1, max_length=5)]
-
-
-@dataclass(frozen=True, eq=False)
-class _FileWrenchSensor:
-    """A sensor of wrench components other than the moment about y; gain, offset and std have one number for each
-    entry of `components`, in N or N·m."""
-
-    components: Annotated[list[Literal["mz", "mx", "fx", "fy", "fz"]], Field(min_length=1, max_length=5)]
-    gain: _PerChannel
-    offset: _PerChannel
-    std: _PerChannel
-    T_antenna_sensor: FilePose
-    covariance: Annotated[
-        _Covariance, Field(description="of turn, gains and offsets with joint.parameters, and then with themselves")
-    ]
-    parameters_std: dict[str, Number] | None = None
-
-    def sensor(self) -> WrenchSensor:
-        gain, offset, std = (np.array(values, float) for values in (self.gain, self.offset, self.std))
-        if len({len(row) for row in self.covariance}) > 1:
-            raise InputError(
-                "covariance of the wrench sensor has rows of different lengths", remedy="run vbaa calibrate again"
-            )
-        covariance = np.array(self.covariance, float) if self.covariance else np.zeros((0, 0))
-        return WrenchSensor(tuple(self.components), gain, offset, std, self.T_antenna_sensor, covariance)
-
-
 @dataclass(frozen=True, eq=False)
 class _AxesUncertainty:
     """Uncertainty of axis_skew_rad, axis_offset_m and tilt_zero_rad."""
@@ -174,7 +146,7 @@ class RigFile(FileModel):
     second_moment_sensor: Annotated[
         MomentSensor | None, Field(description="of older files: about z, as a wrench_sensor of mz that counts as exact")
     ] = None
-    wrench_sensor: _FileWrenchSensor | None = None
+    wrench_sensor: WrenchSensor | None = None
     kinematics: _RigKinematics
     gravity_world: Gravity
     image: AntennaImage
@@ -201,7 +173,5 @@ class RigFile(FileModel):
     @property
     def wrench(self) -> WrenchSensor | None:
         """The wrench sensor, if there is one."""
-        if self.wrench_sensor is not None:
-            return self.wrench_sensor.sensor()
         second = self.second_moment_sensor
-        return None if second is None else WrenchSensor.about_z(second)
+        return self.wrench_sensor or (None if second is None else WrenchSensor.about_z(second))

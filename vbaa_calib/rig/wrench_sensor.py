@@ -2,16 +2,35 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field
 
 from vbaa_calib.core.arrays import as_floats, fixed
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.models import Number, read_as
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session import READINGS, MomentSensor
+from vbaa_calib.session.settings import FilePose
+
+_PerChannel = Annotated[
+    np.ndarray,
+    read_as(
+        Annotated[list[Annotated[Number, Field(ge=-1e9, le=1e9)]], Field(min_length=1, max_length=5)],
+        lambda values: np.array(values, float),
+    ),
+]
+
+
+def _rows(covariance: list[list[float]]) -> np.ndarray:
+    if len({len(row) for row in covariance}) > 1:
+        raise InputError(
+            "covariance of the wrench sensor has rows of different lengths", remedy="run vbaa calibrate again"
+        )
+    return np.array(covariance, float) if covariance else np.zeros((0, 0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,12 +51,19 @@ class WrenchSensor:
         with its own; (0, 0) where they count as exact.
     """
 
-    components: tuple[str, ...]
-    gain: np.ndarray
-    offset: np.ndarray
-    std: np.ndarray
-    T_antenna_sensor: Pose = field(default_factory=Pose.identity)
-    covariance: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    components: Annotated[
+        tuple[str, ...],
+        read_as(Annotated[list[Literal["mz", "mx", "fx", "fy", "fz"]], Field(min_length=1, max_length=5)], tuple),
+    ]
+    gain: _PerChannel
+    offset: _PerChannel
+    std: _PerChannel
+    T_antenna_sensor: FilePose
+    covariance: Annotated[
+        np.ndarray,
+        read_as(list[list[Annotated[Number, Field(ge=-1e12, le=1e12)]]], _rows),
+        Field(description="of turn, gains and offsets with joint.parameters, and then with themselves"),
+    ]
 
     def __post_init__(self) -> None:
         """Raises InputError for unknown components and impossible numbers."""
@@ -64,7 +90,7 @@ class WrenchSensor:
     def about_z(sensor: MomentSensor) -> WrenchSensor:
         """A second moment sensor about the antenna frame's z axis, with exact gain and offset."""
         gain, offset, std = (np.array([value]) for value in (sensor.gain, sensor.offset_Nm, sensor.std_Nm))
-        return WrenchSensor(("mz",), gain, offset, std)
+        return WrenchSensor(("mz",), gain, offset, std, Pose.identity(), np.zeros((0, 0)))
 
     @property
     def parameter_names(self) -> tuple[str, ...]:

@@ -156,6 +156,7 @@ def _walk(args: argparse.Namespace, store: Store, answers: dict[str, Any]) -> di
         stale = BOARD_ANSWERS if other_board else ()
         known = {key: value for key, value in before.items() if key not in stale} | answers
         check_together(known)
+        _cameras_named(known)
         if changed & {one.key for one in OF_LENS_FILE}:
             read_lens(Path(known["camera"]), Wanted.of(known))
         # before the answers: they are meant for the step as it starts again
@@ -197,20 +198,17 @@ def _further_cameras(state: SessionState, ui: Ui) -> bool:
     from vbaa_calib.wizard.ui import Interrupted
 
     store, question, name = state.store, BY_KEY["another_camera"], ""
-    names = [name for name in str(store.journal.answers.get(question.key, "")).split(",") if name]
-    lenses = {"camera": state.given_lens}
+    names, lenses = _cameras_named(store.journal.answers), {"camera": state.given_lens}
     while True:
         try:
             if not names:
                 answer = str(ui.ask(question)) if ui.interactive else "none"
                 if answer == "none":
                     break
-                names = [answer]
-                store.answer({question.key: ",".join([*list(lenses)[1:], answer])})
-            name = names.pop(0).strip()
-            if not re.fullmatch(r"[A-Za-z0-9_-]{1,32}", name) or name in lenses:
-                remedy = "give each camera its own name of letters and digits, such as right"
-                raise InputError(f"{question.key} is {name!r}", remedy=remedy)
+                named = {question.key: ",".join([*list(lenses)[1:], answer])}
+                names = _cameras_named(named)[-1:]
+                store.answer(named)
+            name = names.pop(0)
             with Store(store.root / "cameras" / name) as own:
                 if own.is_new:
                     own.answer(_of_all_cameras(store))
@@ -231,6 +229,17 @@ def _further_cameras(state: SessionState, ui: Ui) -> bool:
         write_json(store.root / RIG, rig_document(several, ["vbaa", "wizard"], guide), True, readable_as=Rig.from_dict)
         ui.say(f"{store.root / RIG} has the cameras {', '.join(lenses)}")
     return True
+
+
+def _cameras_named(answers: Mapping[str, Any]) -> list[str]:
+    """The names of the further cameras. Raises InputError for one that is none, or that comes twice."""
+    found = ["camera"]
+    for name in filter(None, str(answers.get("another_camera", "")).split(",")):
+        if not re.fullmatch(r"[A-Za-z0-9_-]{1,32}", name.strip()) or name.strip() in found:
+            remedy = "give each camera its own name of letters and digits, such as right"
+            raise InputError(f"another_camera is {name.strip()!r}", remedy=remedy)
+        found.append(name.strip())
+    return found[1:]
 
 
 def _conclusion(store: Store, ui: Ui) -> dict[str, Any]:

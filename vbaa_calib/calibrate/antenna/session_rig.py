@@ -327,7 +327,8 @@ def read_by(sensor: NominalWrenchSensor | None, before: Prior) -> Prior:
         [(100.0 if name.startswith("f") else 1.0) * AntennaSettings.offset_std_Nm for name in names], float
     )
     turn = np.full(3, max(sensor.rotation_std_rad, 1e-6))
-    known = WrenchSensor(tuple(names), gain, np.zeros(len(names)), std, sensor.T_antenna_sensor)
+    none = np.zeros((0, 0))
+    known = WrenchSensor(tuple(names), gain, np.zeros(len(names)), std, sensor.T_antenna_sensor, none)
     own = np.concatenate([turn, np.full(len(names), AntennaSettings.gain_std), offset_std])
     return replace(before, mean=mean, sensor=known, sensor_std=own)
 

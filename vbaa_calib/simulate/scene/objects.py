@@ -14,10 +14,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from types import SimpleNamespace
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field, Strict
 
 from vbaa_calib.core.models import Number, array_of, read_as
 from vbaa_calib.native import core
@@ -58,6 +58,22 @@ class Bump:
     width_m: Annotated[Number, Field(ge=1e-4, le=1)]
 
 
+def _gentle(bump: Bump) -> Bump:
+    # up to such a height over its width `implicit` grows outwards near the surface: its slope there is above
+    # 1 − 0.61·0.5
+    steepest = 0.5
+    if abs(bump.height_m) > steepest * bump.width_m:
+        what = f"does not fit: a bump {bump.height_m} m high and {bump.width_m} m wide is too steep"
+        raise ValueError(what, f"keep its height below {steepest} of its width", "height_m")
+    return bump
+
+
+_Bumps = Annotated[
+    tuple[Bump, ...],
+    read_as(Annotated[list[Annotated[Bump, AfterValidator(_gentle)]], Strict(), Field(min_length=1)], tuple),
+]
+
+
 @dataclass(frozen=True, eq=False)
 class TouchObject:
     """An object at rest in the world.
@@ -77,15 +93,15 @@ class TouchObject:
     bumps : of the free form.
     """
 
-    shape: str
-    center_world_m: np.ndarray
-    axis_world: np.ndarray
-    radius_m: float
-    half_length_m: float
-    stiffness_N_m: float = math.inf
-    friction: float = 0.0
-    wedge_world: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    bumps: tuple[Bump, ...] = ()
+    shape: Annotated[str, read_as(Literal["cylinder", "sphere", "knife_edge", "box_edge", "freeform"], str)]
+    center_world_m: Annotated[np.ndarray, array_of(3)]
+    axis_world: Annotated[Direction, Field(default=None)]
+    radius_m: Annotated[Number, Field(ge=1e-6, le=1)]
+    half_length_m: Annotated[Number, Field(ge=1e-3, le=10, default=0.1)]
+    stiffness_N_m: Annotated[Number, Field(ge=1e-3, le=1e12)] = math.inf
+    friction: Annotated[Number, Field(ge=0, le=2)] = 0.0
+    wedge_world: Direction = field(default_factory=lambda: np.zeros(3))
+    bumps: _Bumps = ()
 
     @property
     def across(self) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -19,7 +19,7 @@ from vbaa_calib.session import MomentSensor, NominalAntenna
 from vbaa_calib.session.settings import AnyLength, CameraName, Diameter, FilePose, FileProfile, Gravity
 
 from .lens import Lens, invertible
-from .objects import LINES, WEDGES, Bump, Direction, TouchObject
+from .objects import LINES, WEDGES, TouchObject
 from .scene import (
     IntrinsicsSpec,
     Joints,
@@ -80,48 +80,25 @@ def _lens_and_pose(read: _SceneCamera) -> tuple[Lens, Pose]:
     return lens, pose
 
 
-def _gentle(bump: Bump) -> Bump:
-    # up to such a height over its width `objects.implicit` grows outwards near the surface: its slope there is above
-    # 1 − 0.61·0.5
-    steepest = 0.5
-    if abs(bump.height_m) > steepest * bump.width_m:
-        what = f"does not fit: a bump {bump.height_m} m high and {bump.width_m} m wide is too steep"
-        raise ValueError(what, f"keep its height below {steepest} of its width", "height_m")
-    return bump
-
-
-@dataclass(frozen=True, eq=False)
-class _Object:
-    shape: Literal["cylinder", "sphere", "knife_edge", "box_edge", "freeform"]
-    center_world_m: Annotated[np.ndarray, array_of(3)]
-    radius_m: Annotated[Number, Field(ge=1e-6, le=1)]
-    axis_world: Direction | None = None
-    wedge_world: Direction | None = None
-    half_length_m: Annotated[Number, Field(ge=1e-3, le=10)] = 0.1
-    stiffness_N_m: Annotated[Number, Field(ge=1e-3, le=1e12)] = float("inf")
-    friction: Annotated[Number, Field(ge=0, le=2)] = 0.0
-    bumps: Annotated[list[Annotated[Bump, AfterValidator(_gentle)]], Strict(), Field(min_length=1)] | None = None
-
-
-def _touch_object(read: _Object) -> TouchObject:
-    needed = (("axis_world",) if read.shape in LINES else ()) + (("wedge_world",) if read.shape in WEDGES else ())
-    for name in (*needed, *(("bumps",) if read.shape == "freeform" else ())):
-        if getattr(read, name) is None:
-            raise ValueError("is missing", f"a {read.shape} needs it", name)
-    if read.bumps is not None and read.shape != "freeform":
+def _touch_object(read: TouchObject) -> TouchObject:
+    edge, wedge = read.axis_world, read.wedge_world
+    missing = {"axis_world": edge is None and read.shape in LINES}
+    missing |= {"wedge_world": not wedge.any() and read.shape in WEDGES}
+    missing |= {"bumps": not read.bumps and read.shape == "freeform"}
+    for name in (name for name, is_missing in missing.items() if is_missing):
+        raise ValueError("is missing", f"a {read.shape} needs it", name)
+    if read.bumps and read.shape != "freeform":
         raise ValueError(f"do not go with a {read.shape}", "take the shape freeform", "bumps")
-    axis, wedge = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
-    if read.axis_world is not None and read.shape in LINES:
-        axis = read.axis_world
-    if read.wedge_world is not None and read.shape in WEDGES:
-        wedge = read.wedge_world - axis * (axis @ read.wedge_world)
-        if np.linalg.norm(wedge) < 0.1:
-            raise ValueError("runs along the edge", "a direction from the edge into the body is needed", "wedge_world")
-        wedge = wedge / np.linalg.norm(wedge)
-    return TouchObject(**vars(read) | {"axis_world": axis, "wedge_world": wedge, "bumps": tuple(read.bumps or ())})
+    axis = edge if read.shape in LINES else np.array([0.0, 0.0, 1.0])
+    if read.shape not in WEDGES:
+        return replace(read, axis_world=axis, wedge_world=np.array([1.0, 0.0, 0.0]))
+    wedge = wedge - axis * (axis @ wedge)
+    if np.linalg.norm(wedge) < 0.1:
+        raise ValueError("runs along the edge", "a direction from the edge into the body is needed", "wedge_world")
+    return replace(read, axis_world=axis, wedge_world=wedge / np.linalg.norm(wedge))
 
 
-FileObject = Annotated[TouchObject, read_as(_Object, _touch_object)]
+FileObject = Annotated[TouchObject, AfterValidator(_touch_object)]
 """The object as scene files and truth.json hold it."""
 
 
