@@ -31,10 +31,10 @@ NATIVE = [path for kind in ("cpp", "hpp") for path in sorted((ROOT / "vbaa_calib
 CXX_CONSTANTS = re.compile(r"^(?:inline )?(?:constexpr|const) .*", re.MULTILINE)
 CXX_CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b(?=[^=;(,]*=)")
 MOST = {
-    "module constants": 817,
+    "module constants": 816,
     "class names used twice": 0,
-    "classes": 434,
-    "public names": 1097,
+    "classes": 427,
+    "public names": 1095,
     "private words": 49,
     "type: ignore": 4,
     "words on pages": 29948,

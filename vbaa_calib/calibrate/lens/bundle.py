@@ -15,7 +15,7 @@ from vbaa_calib.core.robust import radial_std
 from vbaa_calib.native import core
 
 from .board_shape import SHAPE, ShapePrior
-from .models import DistortionModel, Unfolding
+from .models import DistortionModel
 from .settings import LensSettings
 
 CONVERGED = Rules(300, 1e-8, may_rise_share=1e-13, damping=1e-3, growth=8.0, after_failure=0.0)
@@ -66,7 +66,9 @@ class Bundle:
     shape: np.ndarray = field(default_factory=lambda: np.zeros(SHAPE))  # (5,) of the board (`BoardShape`)
     prior: ShapePrior | None = None  # of the shape, where that is solved for
     noise_px: float = LensSettings.usual_noise_px  # of a corner per axis; the prior's weight
-    unfolding: Unfolding | None = None  # the penalty against folding, where it was needed
+    # the penalty against folding, where it was needed: least slope in the picture of the distorted radius by the ideal
+    # one (fisheye: by the angle), cost, px², of a slope of zero at one of the radii checked, and the picture's size, px
+    unfolding: tuple[float, float, tuple[int, int]] | None = None
 
     @staticmethod
     def start(model: DistortionModel, intrinsics: np.ndarray, poses: np.ndarray) -> Bundle:
@@ -98,15 +100,14 @@ class Bundle:
     def priors(self) -> SimpleNamespace:
         """Prior of the board's shape and penalty on a folding lens, as the compiled core takes them; zeros where there
         is none. stiffness_px : residual of a slope of zero at one of the radii checked."""
-        unfolding, none = self.unfolding or Unfolding(0.0, 0.0, (0, 0)), np.zeros(SHAPE)
+        (least_slope, weight_px2, (width, height)), none = self.unfolding or (0.0, 0.0, (0, 0)), np.zeros(SHAPE)
         mean, std = (none, none) if self.prior is None else (self.prior.mean, self.prior.std)
-        width, height = unfolding.image_size
         return SimpleNamespace(
             mean=np.array(mean, float),
             std=np.array(std, float),
             noise_px=0.0 if self.prior is None else float(self.noise_px),
-            least_slope=unfolding.least_slope,
-            stiffness_px=float(np.sqrt(unfolding.weight_px2)),
+            least_slope=least_slope,
+            stiffness_px=float(np.sqrt(weight_px2)),
             width=width,
             height=height,
             tail=LensSettings.shape_tail,

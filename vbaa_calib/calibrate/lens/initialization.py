@@ -13,7 +13,7 @@ from vbaa_calib.geometry import Pose
 from vbaa_calib.native import core
 
 from .bundle import CONVERGED, BoardCorners, Bundle, of_views, refine, residuals_px
-from .models import LENS_MODELS, DistortionModel, Unfolding, camera_of, division_like, is_monotonic, rational_like
+from .models import LENS_MODELS, DistortionModel, camera_of, division_like, is_monotonic, rational_like
 from .settings import LensSettings
 
 
@@ -268,7 +268,7 @@ def unfolded(
         wide = widened(smooth.model, smooth.intrinsics, model, image_size)
         starts.insert(0, replace(bundle, intrinsics=wide, poses=smooth.poses))
     for slope in LensSettings.unfolding_slopes:
-        unfolding = Unfolding(slope, LensSettings.unfolding_weight * bundle.sigma_px**2, image_size)
+        unfolding = slope, LensSettings.unfolding_weight * bundle.sigma_px**2, image_size
         for start in starts:
             rules = replace(CONVERGED, iterations=15, tolerance=1e-5)
             trial = refine(replace(start, unfolding=unfolding), observations, rules)

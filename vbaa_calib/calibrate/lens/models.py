@@ -84,15 +84,6 @@ _NUMERATOR = {"opencv": (0, 1, 4), "fisheye": (0, 1, 2, 3)}  # coefficients of t
 _DENOMINATOR = {"opencv": (5, 6, 7), "fisheye": ()}
 
 
-@dataclass(frozen=True)
-class Unfolding:
-    """A penalty that keeps the lens from folding inside the picture."""
-
-    least_slope: float  # of the distorted radius by the ideal one (fisheye: by the angle), in the picture
-    weight_px2: float  # cost of a slope of zero at one of the radii checked
-    image_size: tuple[int, int]  # (width, height) px
-
-
 def _radial_curve(
     model: DistortionModel, distortion: np.ndarray, radii: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -245,14 +245,10 @@ class _HandEyeSolution:
         return self.covariance_for(self.std) * 6.0 * fdtri(6, self.freedom, 0.95) / chdtri(6, 0.05)
 
 
-@dataclass(frozen=True, eq=False)
-class _Misfits:
-    """Difference of each view's board pose by its own corners from that by the robot's readings."""
-
-    turn_rad: np.ndarray  # (V,) of the board
-    distance_m: np.ndarray  # (V,) of its centre
-    squares: np.ndarray  # (V,) normalised, six degrees of freedom
-    parts: dict[str, np.ndarray]  # "corners", "lens", "robot" → (V, 2) predicted variance, rad² and m²
+_Misfits = tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, np.ndarray]]
+"""Difference of each view's board pose by its own corners from that by the robot's readings: (V,) turn of the board,
+rad, (V,) distance of its centre, m, (V,) their square, normalised, with six degrees of freedom, and by "corners",
+"lens" and "robot" the predicted variance (V, 2), rad² and m²."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -424,7 +420,7 @@ class _HandEyeProblem:
             for name, one in sources.items()
         }
         shift = np.einsum("vij,vj->vi", centre, tangents)
-        return _Misfits(np.linalg.norm(tangents[:, :3], axis=1), np.linalg.norm(shift, axis=1), squares, parts)
+        return np.linalg.norm(tangents[:, :3], axis=1), np.linalg.norm(shift, axis=1), squares, parts
 
 
 def _crossed(vector: np.ndarray) -> np.ndarray:
@@ -881,9 +877,9 @@ def _consistent(
         (X, Z, *_), std = solved.state, solved.std
         off = problem.misfits(solved, seen, kept, centre_m)
         # outliers still in it make the robot look worse than it is; among few views that cannot be seen
-        scale = float(np.median(off.squares) / chdtri(6, 0.5))
+        scale = float(np.median(off[2]) / chdtri(6, 0.5))
         scale = max(scale, 1.0) if len(seen) < HandEyeSettings.few_to_judge else scale
-        before, kept = kept, off.squares <= scale * 6.0 * fdtri(6, solved.freedom, 1.0 - HandEyeSettings.outlier_chance)
+        before, kept = kept, off[2] <= scale * 6.0 * fdtri(6, solved.freedom, 1.0 - HandEyeSettings.outlier_chance)
         if np.array_equal(kept, before) or kept.sum() < max(HandEyeSettings.fewest_views, 0.5 * len(kept)):
             break
     return solved, before, off
@@ -906,14 +902,14 @@ def _refuse_loose(found: _HandEyeSolution, tools: Sequence[Pose], reach_m: float
 def _result(
     solved: _HandEyeSolution, kept: np.ndarray, off: _Misfits, problem: _HandEyeProblem, seen: Sequence[_SeenView]
 ) -> HandEye:
-    views, index = [], 0
+    (turn_rad, distance_m, _, parts), views, index = off, [], 0
     for one in seen:
         if one.corners is None:
             views.append(HandEyeView(one.name, 0, 0, np.nan, np.nan, one.reason))
             continue
         reason = "" if kept[index] else "its robot pose contradicts the others"
         count = 0 if problem.camera is None else len(one.corners.pixels)
-        distance, turn = float(off.distance_m[index]), float(off.turn_rad[index])
+        distance, turn = float(distance_m[index]), float(turn_rad[index])
         views.append(HandEyeView(one.name, count, one.left_out, distance, turn, reason))
         index += 1
     return HandEye(
@@ -923,10 +919,10 @@ def _result(
         covariance=solved.covariance,
         robot_std=solved.std[:2],
         robot_log_std=solved.log_std[:2],
-        rms=np.sqrt([np.mean(off.turn_rad[kept] ** 2), np.mean(off.distance_m[kept] ** 2)]),
+        rms=np.sqrt([np.mean(turn_rad[kept] ** 2), np.mean(distance_m[kept] ** 2)]),
         parts={
             name: np.sqrt(part[kept].mean(axis=0))
-            for name, part in off.parts.items()
+            for name, part in parts.items()
             if problem.camera is not None or name == "robot"
         },
         board_scale=problem.picked(kept).board_scale(solved),

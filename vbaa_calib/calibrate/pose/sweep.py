@@ -74,13 +74,10 @@ class _SweepState:
         )
 
 
-class _SweepRows(NamedTuple):
-    """Reprojection residuals of all corners and their negative derivatives."""
-
-    residuals_px: np.ndarray  # (N, 2) observed less predicted; far off where the lens does not see the point
-    by_state: np.ndarray  # (N, 2, 14)
-    by_angles: np.ndarray  # (N, 2, 2) by the picture's own pan and tilt
-    by_lens: np.ndarray  # (N, 2, 4 + k)
+_SweepRows = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Reprojection residuals of all corners, (N, 2) px, observed less predicted, far off where the lens does not see the
+point; and their negative derivatives by the state (N, 2, 14), by the picture's own pan and tilt (N, 2, 2), by the lens
+(N, 2, 4 + k)."""
 
 
 def _turns_actuator_foot(problem: _SweepProblem, axis_skew_rad: float) -> np.ndarray:
@@ -116,7 +113,7 @@ def _linearise(problem: _SweepProblem, state: _SweepState) -> _SweepRows:
         np.cross(np.eye(3)[1], at)[:, None],
     ]
     by_state = by_point @ X.rotation.T @ np.swapaxes(np.concatenate(moves, axis=1), -1, -2)
-    return _SweepRows(problem.pixels - pixels, by_state[..., : _AXES.stop], by_state[..., _AXES.stop :], by_lens)
+    return problem.pixels - pixels, by_state[..., : _AXES.stop], by_state[..., _AXES.stop :], by_lens
 
 
 def _initial_state(problem: _SweepProblem, kinematics: Kinematics) -> _SweepState:
@@ -223,7 +220,8 @@ class _SweepProblem:
     def _blocks(self, at: _SweepRows, weights: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """(P, m, m) per-picture products of columns (N, 2, ...), then the residual, then the picture's own angle
         errors."""
-        whole = np.concatenate([columns, at.residuals_px[..., None], at.by_angles], axis=-1)
+        residuals_px, _, by_angles, _ = at
+        whole = np.concatenate([columns, residuals_px[..., None], by_angles], axis=-1)
         bounds = np.searchsorted(self.picture, np.arange(self.pictures + 1))
         whole *= np.sqrt(weights)[:, None, None]
         flat = [whole[first:last].reshape(-1, whole.shape[-1]) for first, last in pairwise(bounds)]
@@ -232,7 +230,7 @@ class _SweepProblem:
     def _descended(self, state: _SweepState, weights: np.ndarray, angle_ratio: float, rules: Rules) -> _SweepEquations:
         def linearised(state: _SweepState) -> _SweepEquations:
             at = _linearise(self, state)
-            blocks = self._blocks(at, weights, at.by_state[..., self.free])
+            blocks = self._blocks(at, weights, at[1][..., self.free])
             whole = _without_angles(blocks, angle_ratio)
             return _SweepEquations(state, at, blocks, whole[:-1, :-1], whole[:-1, -1], float(whole[-1, -1]))
 
@@ -254,13 +252,13 @@ class _SweepProblem:
         A redescending loss would fit some pictures all but exactly and give up others, where the angles scatter.
         """
         weights = used.astype(float)
-        residuals = _linearise(self, state).residuals_px
+        residuals = _linearise(self, state)[0]
         for _ in range(PoseSettings.reweightings):
             distance = np.linalg.norm(residuals, axis=1)
             scale = PoseSettings.soft * max(radial_std(distance[used]), 1e-9)
             before, weights = weights, used * soft_l1_weights(distance, scale)
             system = self._descended(state, weights, 0.0, replace(_RULES, iterations=3))
-            state, residuals = system.state, system.at.residuals_px
+            state, residuals = system.state, system.at[0]
             if np.abs(weights - before).max() < PoseSettings.weights_change:
                 break
         return state, residuals
@@ -275,20 +273,19 @@ class _SweepProblem:
             if abs(ratio - before) <= PoseSettings.ratio_change * before:
                 break
         system = self._descended(state, weights, ratio, _RULES)
-        at, free = system.at, self.free
-        count, lens = int(free.sum()), at.by_lens.shape[-1]
-        blocks = self._blocks(at, weights, np.concatenate([at.by_state[..., free], at.by_lens], axis=-1))
+        (residuals, by_state, by_angles, by_lens), free = system.at, self.free
+        count, lens = int(free.sum()), by_lens.shape[-1]
+        blocks = self._blocks(system.at, weights, np.concatenate([by_state[..., free], by_lens], axis=-1))
         whole = _without_angles(blocks, ratio)
         A, coupling, cost = whole[:count, :count], whole[:count, count:-1], float(whole[-1, -1])
         variance = max(cost / max(2 * weights.sum() - count, 1.0), PoseSettings.rounding_px**2)
-        covariance, by_lens = np.zeros((_AXES.stop, _AXES.stop)), np.zeros((_AXES.stop, lens))
+        covariance, of_lens = np.zeros((_AXES.stop, _AXES.stop)), np.zeros((_AXES.stop, lens))
         covariance[np.ix_(free, free)] = variance * solve_scaled(A, np.eye(count))
-        by_lens[free] = -solve_scaled(A, coupling)
-        residuals = at.residuals_px
+        of_lens[free] = -solve_scaled(A, coupling)
         if ratio > 0.0:
             shift = np.linalg.solve(blocks[:, -2:, -2:] + np.eye(2) / ratio, blocks[:, -2:, -3, None])[..., 0]
-            residuals = residuals - np.einsum("nij,nj->ni", at.by_angles, shift[self.picture])
-        return _SweepFit(system.state, ratio, variance, residuals, covariance, by_lens)
+            residuals = residuals - np.einsum("nij,nj->ni", by_angles, shift[self.picture])
+        return _SweepFit(system.state, ratio, variance, residuals, covariance, of_lens)
 
     def inlying(self, state: _SweepState, candidates: np.ndarray) -> tuple[_SweepFit, np.ndarray]:
         """The fit to the candidate corners (N,) without outliers relative to the others' spread, and the mask of its
@@ -489,7 +486,7 @@ def _consistent_pictures(problem: _SweepProblem, state: _SweepState) -> tuple[_S
         raise InputError(
             what, remedy="look the rows through; the board must not move, the joints be at rest, the angles in radians"
         )
-    return state, kept, _picture_errors_px(_linearise(problem, state).residuals_px, problem)
+    return state, kept, _picture_errors_px(_linearise(problem, state)[0], problem)
 
 
 def _picture_errors_px(residuals: np.ndarray, problem: _SweepProblem) -> np.ndarray:
@@ -522,10 +519,10 @@ def _own_angles(problem: _SweepProblem, state: _SweepState, picture: int) -> np.
     own = {"points_m": problem.points_m[mine], "pixels": problem.pixels[mine]}
     alone = replace(problem, picture=np.zeros(int(mine.sum()), int), **own)
     for _ in range(PoseSettings.own_steps):
-        moved = _linearise(replace(alone, angles_rad=angles[None]), state)
-        step = np.linalg.lstsq(moved.by_angles.reshape(-1, 2), moved.residuals_px.ravel(), rcond=None)[0]
+        residuals_px, _, by_angles, _ = _linearise(replace(alone, angles_rad=angles[None]), state)
+        step = np.linalg.lstsq(by_angles.reshape(-1, 2), residuals_px.ravel(), rcond=None)[0]
         angles = angles + np.clip(step, -PoseSettings.own_step_rad, PoseSettings.own_step_rad)
-    error = float(np.median(np.linalg.norm(moved.residuals_px, axis=1)))
+    error = float(np.median(np.linalg.norm(residuals_px, axis=1)))
     return angles if error < PoseSettings.own_fit_px else np.full(2, np.nan)
 
 
