@@ -13,7 +13,7 @@ from dataclasses import fields
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vbaa_calib.antenna.materials import MATERIALS, Material
+from vbaa_calib.antenna.materials import MATERIALS, Material, round_wire
 from vbaa_calib.antenna.rod import TORSION_RATIO, Rod, RodShape, solve_rod
 from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import InputError, quoted
@@ -31,8 +31,8 @@ def wire(length_m: float, diameter_m: float, material: str = "stainless steel") 
     known = Material.named(material)
     if known is None:
         raise InputError(f"material is {quoted(material)}", remedy=f"give one of {', '.join(MATERIALS)}")
-    stiffness = known.youngs_modulus_Pa * math.pi * diameter_m**4 / 64.0
-    return Rod(length_m, stiffness, stiffness / TORSION_RATIO, known.density_kg_m3 * math.pi * diameter_m**2 / 4.0)
+    stiffness, mass = round_wire(known.youngs_modulus_Pa, known.density_kg_m3, diameter_m)
+    return Rod(length_m, stiffness, stiffness / TORSION_RATIO, mass)
 
 
 @gate

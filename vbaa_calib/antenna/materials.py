@@ -11,6 +11,11 @@ from dataclasses import dataclass
 from vbaa_calib.core.errors import Diagnosis
 
 
+def round_wire(youngs_modulus_Pa: float, density_kg_m3: float, diameter_m: float) -> tuple[float, float]:
+    """EI, N·m², and mass per length, kg/m, of a round wire: E·πd⁴/64 and ρ·πd²/4."""
+    return youngs_modulus_Pa * math.pi * diameter_m**4 / 64, density_kg_m3 * math.pi * diameter_m**2 / 4
+
+
 @dataclass(frozen=True)
 class Material:
     """A material: its usual modulus (Pa) and density (kg/m³), and the ranges of what is sold under the name.

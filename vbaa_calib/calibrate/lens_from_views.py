@@ -35,12 +35,12 @@ def solve_lens(
     centre differs. None is left out so where many contradict, or where the first or the last of them agree on another
     focal length: it was changed.
     """
-    rules, left_out = LensSettings(), list[DroppedView]()
+    left_out = list[DroppedView]()
     usable = usable_views(views, corner_points(spec), min_corners)[0]
-    most = max(1, int(rules.most_left_out * len(usable))) if len(usable) >= rules.fewest_views else 0
+    most = max(1, int(LensSettings.most_left_out * len(usable))) if len(usable) >= LensSettings.fewest_views else 0
     whole = solution = solve_intrinsics(views, spec, model, min_corners, square_pixels)
     contradicting = _unused(usable, solution)
-    while len(contradicting) <= most and (outlier := _outlier_view(views, solution, spec, rules)) is not None:
+    while len(contradicting) <= most and (outlier := _outlier_view(views, solution, spec)) is not None:
         names = {outlier.name, *(one.name for one in left_out)}
         try:
             solution = solve_intrinsics(
@@ -50,7 +50,7 @@ def solve_lens(
             break
         left_out.append(outlier)
         contradicting = _unused(usable, solution)
-    found = _changed_at_an_end(usable, contradicting, solution, spec, rules)
+    found = _changed_at_an_end(usable, contradicting, solution, spec)
     if found is None and len(contradicting) > most > 0:
         few = ", ".join(contradicting[:3]) + (", …" if len(contradicting) > 3 else "")
         words = f"{len(contradicting)} of {len(usable)} pictures contradict the others: {few}"
@@ -77,16 +77,14 @@ def _unused(usable: Sequence[BoardView], solution: LensSolution) -> list[str]:
     return [view.name for view in usable if view.name not in used]
 
 
-def _outlier_view(
-    views: Sequence[BoardView], solution: LensSolution, spec: Board | BoardPoints, rules: LensSettings
-) -> DroppedView | None:
+def _outlier_view(views: Sequence[BoardView], solution: LensSolution, spec: Board | BoardPoints) -> DroppedView | None:
     """The view that contradicts the others most, with the diagnosis; None without one, or where views share names."""
     if len({view.name for view in views}) < len(views):
         return None
     # a pose takes up the errors of three corners
     noise_px = np.array([view.rms_px * np.sqrt(view.corners / max(view.corners - 3, 1)) for view in solution.views])
     worst = solution.views[int(noise_px.argmax())]
-    if noise_px.max() > max(rules.view_noise * float(np.median(noise_px)), rules.least_px):
+    if noise_px.max() > max(LensSettings.view_noise * float(np.median(noise_px)), LensSettings.least_px):
         usual = float(np.median([view.rms_px for view in solution.views]))
         words = f"its corners miss the lens by {worst.rms_px:.2f} px rms, those of the median view by {usual:.2f} px"
         return DroppedView(worst.name, words)
@@ -103,15 +101,13 @@ def _outlier_view(
             by = f"{scale * change.size:+.2f} ± {scale * change.std:.2f} {unit}"
             words = f"its {name} differs from the other pictures' by {by}"
             return DroppedView(linear.names[change.first], words)
-    return _bending_view(views, solution, spec, rules) if len(solution.views) >= rules.fewest_views else None
+    return _bending_view(views, solution, spec) if len(solution.views) >= LensSettings.fewest_views else None
 
 
-def _bending_view(
-    views: Sequence[BoardView], solution: LensSolution, spec: Board | BoardPoints, rules: LensSettings
-) -> DroppedView | None:
+def _bending_view(views: Sequence[BoardView], solution: LensSolution, spec: Board | BoardPoints) -> DroppedView | None:
     """The single view, among a few contradicting ones, without which the others agree far better; None otherwise."""
     scattered = any(one.name == "views_scatter" for one in solution.verdict.findings)
-    if not scattered or len(solution.views) > rules.solved_without:
+    if not scattered or len(solution.views) > LensSettings.solved_without:
         return None
     names, square = [view.name for view in solution.views], bool(np.ptp(solution.camera.parameters[:2]) == 0.0)
     used = [view for view in views if view.name in names]
@@ -125,7 +121,7 @@ def _bending_view(
             return None
         rms_px[name] = without.rms_inliers_px / solution.rms_inliers_px
     least, second = sorted(rms_px, key=rms_px.__getitem__)[:2]
-    if rms_px[least] > rules.halved or rms_px[second] < rules.unchanged:
+    if rms_px[least] > LensSettings.halved or rms_px[second] < LensSettings.unchanged:
         return None
     there, rest = solution.rms_inliers_px, rms_px[least] * solution.rms_inliers_px
     return DroppedView(least, f"without it the other pictures agree to {rest:.2f} px rms, with it to {there:.2f} px")
@@ -136,7 +132,6 @@ def _changed_at_an_end(
     contradicting: Sequence[str],
     solution: LensSolution,
     spec: Board | BoardPoints,
-    rules: LensSettings,
 ) -> Diagnosis | None:
     """Whether the first or the last views (two or more) contradict the others but fit the lens with another focal
     length and principal point: a change of the lens so large that the robust fit drops them."""
@@ -152,8 +147,8 @@ def _changed_at_an_end(
         bundle = replace(bundle, directions=bundle.directions[:, :4], shape=solution.board_shape.parameters)
         bundle = reposed(refine(bundle, observations, robust=True), observations)
         by = float(bundle.intrinsics[0] / intrinsics[0]) - 1.0
-        agree = bundle.sigma_px <= max(rules.view_noise * solution.rms_inliers_px, rules.least_px)
-        if agree and abs(by) > rules.changed_by:
+        agree = bundle.sigma_px <= max(LensSettings.view_noise * solution.rms_inliers_px, LensSettings.least_px)
+        if agree and abs(by) > LensSettings.changed_by:
             before, after = usable[edge - 1].name, usable[edge].name
             words = f"the focal length changes between {before} and {after} by {100 * by:+.1f} %"
             remedy = "keep the pictures on one side only, or take all again with autofocus and zoom switched off"

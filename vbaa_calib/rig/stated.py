@@ -20,7 +20,7 @@ from .parts import RIG_PARAMETERS, SCHEMA, Antenna, kinematics_to_dict
 def _antenna(stated: StatedAntenna) -> dict[str, Any]:
     """A stated antenna's entry in the form of rig.json."""
     values, std = np.zeros((2, len(ANTENNA_PARAMETERS)))
-    values[5:8] = stated.bow_per_m, np.log(stated.stiffness_Nm2), np.log(stated.mass_per_length_kg_m)
+    values[5], values[6:8] = stated.bow_per_m, np.log(stated.wire)
     std[5:8] = stated.bow_std_per_m or 1.0 / stated.length_m, stated.stiffness_std, stated.mass_std
     return Antenna(stated.length_m, stated.diameter_m, values).stated(std)
 

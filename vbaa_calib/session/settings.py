@@ -13,7 +13,7 @@ from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, GetPyda
 from pydantic.json_schema import JsonSchemaValue
 
 from targets.board import BoardWithIds, FileBoard
-from vbaa_calib.antenna.materials import MATERIALS, Material
+from vbaa_calib.antenna.materials import MATERIALS, Material, round_wire
 from vbaa_calib.antenna.taper import Taper
 from vbaa_calib.core.arrays import gate, real_gravity
 from vbaa_calib.core.errors import Diagnosis, InputError, about
@@ -145,12 +145,12 @@ class NominalAntenna:
     @property
     def stiffness_Nm2(self) -> float:
         """E·πd⁴/64, at the clamp."""
-        return float(self.youngs_modulus_Pa * np.pi * self.diameter_m**4 / 64)
+        return round_wire(self.youngs_modulus_Pa, self.density_kg_m3, self.diameter_m)[0]
 
     @property
     def mass_per_length_kg_m(self) -> float:
         """ρ·πd²/4, at the clamp."""
-        return float(self.density_kg_m3 * np.pi * self.diameter_m**2 / 4)
+        return round_wire(self.youngs_modulus_Pa, self.density_kg_m3, self.diameter_m)[1]
 
 
 Gravity = Annotated[np.ndarray, array_of(3), AfterValidator(real_gravity)]

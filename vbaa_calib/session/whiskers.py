@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
+from vbaa_calib.antenna.materials import round_wire
 from vbaa_calib.core.models import FileModel, Number, WholeNumber
 
 from .drift import MovingClamp
@@ -57,14 +57,9 @@ class StatedAntenna:
     ] = None
 
     @property
-    def stiffness_Nm2(self) -> float:
-        """E·πd⁴/64."""
-        return self.youngs_modulus_Pa * math.pi * self.diameter_m**4 / 64
-
-    @property
-    def mass_per_length_kg_m(self) -> float:
-        """ρ·πd²/4."""
-        return self.density_kg_m3 * math.pi * self.diameter_m**2 / 4
+    def wire(self) -> tuple[float, float]:
+        """EI, N·m², and mass per length, kg/m."""
+        return round_wire(self.youngs_modulus_Pa, self.density_kg_m3, self.diameter_m)
 
 
 class StatedFile(FileModel):

@@ -117,9 +117,8 @@ def _touched(scene: _WhiskingFile, name: str, poses: list[Pose], path: Path) -> 
     whisker = scene.antennas[name]
     place = scene.post_m if scene.post_m is not None and name in scene.reach_post else np.array([1e3, 1e3])
     post = TouchObject("cylinder", np.append(place, 0.0), np.array([0.0, 0.0, 1.0]), scene.post_radius_m, 0.1)
-    stiffness, bow = whisker.stiffness_Nm2, np.array([0.0, whisker.bow_per_m])
-    twist, mass = stiffness / TORSION_RATIO, whisker.mass_per_length_kg_m
-    rod = Rod(whisker.length_m, stiffness, twist, mass, natural_curvature_per_m=bow)
+    (stiffness, mass), bow = whisker.wire, np.array([0.0, whisker.bow_per_m])
+    rod = Rod(whisker.length_m, stiffness, stiffness / TORSION_RATIO, mass, natural_curvature_per_m=bow)
     try:
         return touch(rod, whisker.diameter_m / 2, post, poses, scene.gravity_world)
     except SolveError as error:

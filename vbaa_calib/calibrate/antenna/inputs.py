@@ -182,8 +182,8 @@ def _linear_axes(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     standard deviation along one axis leads to a lens that folds inside the picture.
     """
     assert camera.covariance is not None
-    axes, shares, within = independent_axes(camera.covariance), np.ones(len(camera.covariance)), LensSettings()
-    pixels = pixel_grid(camera.image_size, within.grid).reshape(-1, 2)
+    axes, shares = independent_axes(camera.covariance), np.ones(len(camera.covariance))
+    pixels = pixel_grid(camera.image_size, LensSettings.grid).reshape(-1, 2)
     slopes, (rays, valid) = projection_jacobian(camera, pixels), camera.unproject(pixels)
     valid &= np.isfinite(slopes).all(axis=(-1, -2))
     pixels, rays, slopes = pixels[valid], rays[valid], slopes[valid]
@@ -193,11 +193,11 @@ def _linear_axes(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     def linear(step: np.ndarray) -> bool:
         seen, inside = camera.moved(step).project(rays)
         moved = slopes @ step
-        allowed = within.bend * np.linalg.norm(moved) + within.negligible_px * np.sqrt(len(pixels))
+        allowed = LensSettings.bend * np.linalg.norm(moved) + LensSettings.negligible_px * np.sqrt(len(pixels))
         return bool(inside.all() and np.linalg.norm(seen - pixels - moved) <= allowed)
 
     turned = axes @ np.linalg.svd((slopes @ axes).reshape(2 * len(pixels), -1), full_matrices=False)[2].T
     for index, axis in enumerate(turned.T):
-        near = (share for share in within.shares if linear(share * axis) and linear(-share * axis))
-        shares[index] = next(near, within.shares[-1])
+        near = (share for share in LensSettings.shares if linear(share * axis) and linear(-share * axis))
+        shares[index] = next(near, LensSettings.shares[-1])
     return (axes, shares) if (shares == 1.0).all() else (turned, shares)

@@ -263,10 +263,10 @@ class Assessed:
     left_out: np.ndarray  # (V, 4 + k) change of the camera's parameters without each view
 
     @property
-    def pole_distance(self) -> float:
-        """Distance of the nearest pole from the picture, see `models.pole_distance`."""
-        camera = self.camera
-        return pole_distance(LENS_MODELS[self.candidate.model], camera.parameters, camera.image_size)
+    def has_far_poles(self) -> bool:
+        """Whether the lens has no pole near the picture, see `models.pole_distance`."""
+        camera, model = self.camera, LENS_MODELS[self.candidate.model]
+        return pole_distance(model, camera.parameters, camera.image_size) >= LensSettings.least_pole_distance
 
 
 def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, tuple[Candidate, ...], Camera]:
@@ -285,7 +285,7 @@ def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, 
     are 10 % worse on left-out views; one with halves that disagree, or with a pole near the picture, only if all others
     are 0.5 % worse.
     """
-    rules, every = LensSettings(), {one.candidate.model: one for one in solutions}
+    every = {one.candidate.model: one for one in solutions}
     reasons: dict[str, str] = {}
 
     def preferred(names: Sequence[str], good: Sequence[str], may_cost: float, why: str) -> Sequence[str]:
@@ -298,13 +298,13 @@ def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, 
 
     sound = (
         (lambda one: can_hold(one.camera), np.inf, "has coefficients beyond the bounds of rig.json"),
-        (lambda one: one.candidate.monotonic, rules.monotonic_may_cost, "folds inside the picture"),
-        (lambda one: one.candidate.split_half_agrees, rules.agreement_may_cost, "differs between halves of the views"),
+        (lambda one: one.candidate.monotonic, LensSettings.monotonic_may_cost, "folds inside the picture"),
         (
-            lambda one: one.pole_distance >= rules.least_pole_distance,
-            rules.far_pole_may_cost,
-            "has a pole near the picture",
+            lambda one: one.candidate.split_half_agrees,
+            LensSettings.agreement_may_cost,
+            "differs between halves of the views",
         ),
+        (lambda one: one.has_far_poles, LensSettings.far_pole_may_cost, "has a pole near the picture"),
     )
     names: Sequence[str] = list(every)
     for is_sound, may_cost, why in sound:
@@ -313,8 +313,8 @@ def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, 
 
     def is_good(name: str) -> bool:
         ratio = every[name].candidate.held_out_rms_px / every[best].candidate.held_out_rms_px
-        uncertain = _excess_in_errors(every[name].squares_px2, every[best].squares_px2) <= rules.excess
-        return ratio <= rules.negligible_cost or (ratio <= rules.most_cost and uncertain)
+        uncertain = _excess_in_errors(every[name].squares_px2, every[best].squares_px2) <= LensSettings.excess
+        return ratio <= LensSettings.negligible_cost or (ratio <= LensSettings.most_cost and uncertain)
 
     good = [name for name in names if is_good(name)]
     names = preferred(names, good, np.inf, "misses left-out views by clearly more")
@@ -326,7 +326,7 @@ def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, 
     def is_no_worse(name: str, richer: str) -> bool:
         ratios = np.log(off_px[name] / off_px[richer])
         standard_error = np.sqrt((len(ratios) - 2) * np.var(ratios[1:]))
-        as_small = ratios[0] <= min(rules.better_by * standard_error, np.log(rules.most_larger))
+        as_small = ratios[0] <= min(LensSettings.better_by * standard_error, np.log(LensSettings.most_larger))
         return bool(as_small or every[name].squares_px2.sum() <= every[richer].squares_px2.sum())
 
     least = min(names, key=expected_px.__getitem__)
@@ -336,7 +336,7 @@ def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, 
     if chosen in ("none", "radial", "fisheye") and "opencv4" in names:
         ratio = expected_px["opencv4"] / expected_px[chosen]
         as_good = ratio <= 1.0 or "opencv4" in (*simpler, least)
-        chosen = "opencv4" if as_good and ratio < rules.centred_may_cost else chosen
+        chosen = "opencv4" if as_good and ratio < LensSettings.centred_may_cost else chosen
         least = "opencv4" if least == chosen else least
     for name in names:
         if name != chosen and expected_px[name] <= expected_px[chosen]:
