@@ -16,13 +16,13 @@ from vbaa_calib.convert import guessed
 from vbaa_calib.convert.values import Wanted
 from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import Diagnosis, InputError, Severity, VbaaError
-from vbaa_calib.core.files import read_json, sha256
+from vbaa_calib.core.files import at, read_json, sha256
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.diagnose.boards import lens_reading_diagnoses
 from vbaa_calib.geometry.covariance import independent_axes
 
 from .check.boards import FOCUS, check_lens
-from .check.finding import FAILS, HOLDS, Discrepancy, at
+from .check.finding import FAILS, HOLDS, Discrepancy
 from .lens.board_shape import BoardShape
 from .lens.intrinsics import LensSolution
 from .lens.models import LENS_MODELS, DistortionModel, is_monotonic

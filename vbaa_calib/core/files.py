@@ -218,6 +218,13 @@ def read_yaml(path: Path, *, first: bool = False) -> dict[str, Any]:
     return data
 
 
+def at(data: Any, *keys: str) -> Any:
+    """The value at a path of keys in nested mappings; None where a key is missing."""
+    for key in keys:
+        data = data.get(key) if isinstance(data, Mapping) else None
+    return data
+
+
 def read_json(path: Path) -> dict[str, Any]:
     """The object in a JSON file. Raises InputError naming the line of what is wrong."""
     try:

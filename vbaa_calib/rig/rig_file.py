@@ -20,6 +20,7 @@ from vbaa_calib.session.settings import (
     FileKinematics,
     FilePose,
     FileProfile,
+    FileStiffnessProfile,
     Gravity,
 )
 
@@ -77,10 +78,7 @@ class _RigAntenna:
     noload: _Noload
     mass_per_length_std_kg_m: Number | None = None
     profile: Annotated[FileProfile | None, Field(description="diameters along it, m; null: uniform")] = None
-    stiffness_profile: Annotated[
-        FileProfile | None,
-        Field(description="EI along it, relative, where it does not follow the diameter's fourth power"),
-    ] = None
+    stiffness_profile: FileStiffnessProfile = None
     tip: Tip | None = None
     parameters_std: Annotated[
         np.ndarray, array_of(9, ge=0, le=1e3), Field(description="of one of several, in the order of joint.parameters")

@@ -36,6 +36,10 @@ AnyLength = Annotated[Number, Field(ge=1e-3, le=10)]
 Diameter = Annotated[Number, Field(ge=1e-6, le=0.1)]
 FileProfile = tuple[tuple[Annotated[Number, Field(ge=0, le=10)], Annotated[Number, Field(ge=0, le=1e6)]], ...]
 """Rows of arc length from the clamp, m, and a value there, as our files write them."""
+FileStiffnessProfile = Annotated[
+    FileProfile | None,
+    Field(description="EI along it, relative, where it does not follow the diameter's fourth power"),
+]
 
 
 @dataclass(frozen=True)
@@ -94,10 +98,7 @@ class NominalAntenna:
         FileProfile | None,
         Field(description="diameters along it, m, linear between; two rows at one place are a step. null: uniform"),
     ] = None
-    stiffness_profile: Annotated[
-        FileProfile | None,
-        Field(description="EI along it, relative, where it does not follow the diameter's fourth power"),
-    ] = None
+    stiffness_profile: FileStiffnessProfile = None
     diameter_std_m: Annotated[
         Number, Field(ge=0, le=0.01, description="how well the profile's diameters are known, each; 0: exactly")
     ] = 5e-6

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from vbaa_calib.cli.options import add_joints, pan_tilt_rad, usable_rig
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import read_json, refuse_outputs, write_json, write_text
+from vbaa_calib.core.files import at, read_json, refuse_outputs, write_json, write_text
 
 if TYPE_CHECKING:
     import numpy as np
@@ -45,7 +45,6 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Make and print the budget, and write the files that are asked for."""
     from estimator.budget.budget import error_budget
     from estimator.budget.report import SCHEMA, advice, as_data, table
-    from vbaa_calib.calibrate.check.finding import at
 
     outputs = {"budget": args.output, "figure": args.figure}
     refuse_outputs(outputs.values(), args.force, (args.rig,))

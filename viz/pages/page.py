@@ -99,13 +99,6 @@ def listing(data: Any) -> Table:
     return Table(("what", "value", "unit"), rows[:_MOST_ROWS], ("what",))
 
 
-def at(data: Any, *keys: str) -> Any:
-    """The value at a path of keys; None if there is none."""
-    for key in keys:
-        data = data.get(key) if isinstance(data, Mapping) else None
-    return data
-
-
 def _cell(value: Any, decimals: int | None = None) -> str:
     if isinstance(value, str):
         return value

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from vbaa_calib.core.files import at
 from viz.figures import check as figures
 from viz.figures.settings import STYLE
-from viz.pages.page import Table, at, fixed, listing, number, records, render, with_std
+from viz.pages.page import Table, fixed, listing, number, records, render, with_std
 
 LENSES = (
     ("model", "lens", None),

@@ -19,7 +19,7 @@ from vbaa_calib.calibrate.pose.settings import PoseSettings
 from vbaa_calib.core.arrays import check_angle
 from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import read_json, sha256
+from vbaa_calib.core.files import at, read_json, sha256
 from vbaa_calib.core.images import list_images
 from vbaa_calib.detect.board.board_file import with_ids
 from vbaa_calib.detect.board.corners import detect_files
@@ -38,7 +38,7 @@ from vbaa_calib.session import (
 
 from .antenna import CheckedStill, check_antenna, check_stills
 from .boards import check_lens, check_pose
-from .finding import FAILS, HOLDS, LOOK, UNANSWERED, Finding, at, worst
+from .finding import FAILS, HOLDS, LOOK, UNANSWERED, Finding, worst
 from .settings import CheckSettings
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -114,10 +114,3 @@ def plus_minus(value: float, std: float) -> str:
     """A signed number and its standard deviation, with two digits of the latter."""
     digits = int(np.clip(1 - np.floor(np.log10(std)), 0, 9)) if std > 0 else 3
     return f"{value:+.{digits}f} ± {std:.{digits}f}"
-
-
-def at(data: Any, *keys: str) -> Any:
-    """The value at a path of keys in nested mappings; None where a key is missing."""
-    for key in keys:
-        data = data.get(key) if isinstance(data, Mapping) else None
-    return data
