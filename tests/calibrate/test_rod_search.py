@@ -66,6 +66,14 @@ def test_a_rod_is_found_among_things_if_its_ends_are_known() -> None:
     assert apart(search_rod(picture, np.array([2.0, 130.0]), line[-1]).line(), line) < 1.0
 
 
+def test_of_two_rods_the_one_that_is_clicked_is_found() -> None:
+    line = bow(1.2)[100:]
+    chord = line[-1] - line[0]
+    other = 2.0 * (line[0] + np.outer((line - line[0]) @ chord, chord) / (chord @ chord)) - line + [0.0, 11.0]
+    picture = painted([(line, 5.0, (170.0, 170.0, 170.0)), (other, 5.0, (240.0, 240.0, 240.0))])
+    assert apart(search_rod(picture, line[0], line[-1]).line(), line) < 1.0
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_nothing_is_found_where_nothing_is(seed: int) -> None:
     rng = np.random.default_rng(seed)

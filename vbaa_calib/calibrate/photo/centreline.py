@@ -125,11 +125,10 @@ def _paths_at(
     settings: RodSettings,
     bound: float,
     colours: np.ndarray | None = None,
-    apart_from: _MeasuredRod | None = None,
 ) -> list[_RodPath]:
     """Candidate paths of ribbons of one width `at` a level (in the photograph's pixels), the best first; from clamp to
-    tip where these are known. Their evidence is at least the best's less `bound`, their colour one of `colours` (K,
-    channels) if any, and they do not run along `apart_from`."""
+    tip where these are known. Their evidence is at least the best's less `bound`, and their colour one of `colours` (K,
+    channels) if any."""
     (level, width_px), (clamp, tip) = at, ends
     height, columns = level.planes.shape[1:]
     width, diagonal = width_px * level.scale, float(np.hypot(height, columns))
@@ -139,7 +138,6 @@ def _paths_at(
     down = _ribbon_evidence(level, width, texture, settings)
     transposed = _Level(np.ascontiguousarray(level.planes.swapaxes(1, 2)), level.scale)
     across = _ribbon_evidence(transposed, width, texture, settings)
-    less = np.zeros((height, columns), np.float32)
     if colours is not None:
         spread = settings.other_colour * _shading_of(len(level.planes), settings)
         smooth = [cv2.blur(each, (3, 3)) for each in level.planes]
@@ -147,13 +145,7 @@ def _paths_at(
             sum(((each - own) / by) ** 2 for each, own, by in zip(smooth, colour, spread, strict=True))
             for colour in colours
         ]
-        less += np.clip(np.min(unlike, axis=0) - 1.0, 0.0, -settings.gap)
-    if apart_from is not None:
-        line = np.rint((apart_from.curve_px + 0.5) * level.scale - 0.5).astype(np.int32)
-        cv2.polylines(
-            less, [line], False, settings.enough - settings.gap, max(1, round(2.0 * apart_from.width_px * level.scale))
-        )
-    if less.any():
+        less = np.clip(np.min(unlike, axis=0) - 1.0, 0.0, -settings.gap).astype(np.float32)
         step = core.search.ROW_STEP
         for evidence, each in ((down, less), (across, less.T)):
             evidence -= each[step // 2 :: step][: len(evidence), None]
@@ -303,6 +295,7 @@ class _MeasuredRod:
     holder: tuple[float, float]  # log odds that something else than background is beyond either end
     goes_on_px: np.ndarray | None  # an end beyond which something as wide and of its colour goes on
     gap_px: np.ndarray | None  # the middle of a long piece without evidence
+    kink_px: np.ndarray | None  # where it turns more sharply than any rod
     evidence: float  # log odds of a rod, against background between known ends, else against anything
     parts: dict[str, float]
 
@@ -326,14 +319,19 @@ class _MeasuredRod:
 
     @property
     def straight_mean(self) -> float:
-        """Mean evidence along the line, less half its winding and its bend where nothing of it is seen: a path that
-        goes over to another line has both."""
-        return self.parts["mean"] - 0.5 * (self.parts["winding"] + self.parts["unseen_turn"])
+        """Mean evidence along the line, less half its winding and its bend where nothing of it is seen, as a path that
+        goes over to another line has both; and less how far its ends are off those that are known."""
+        return self.parts["mean"] - 0.5 * (self.parts["winding"] + self.parts["unseen_turn"]) - self.parts["off_clicks"]
 
     @property
     def may_be_shadow(self) -> bool:
         """Whether most of the line has the background's hue at a lower brightness, as a shadow has."""
         return self.parts["shadow"] > 0.5
+
+    @property
+    def may_be_rod(self) -> bool:
+        """Whether the line looks like no shadow and nowhere turns more sharply than a rod."""
+        return not self.may_be_shadow and self.kink_px is None
 
     def covered_end_px(self, settings: RodSettings) -> np.ndarray | None:
         """An end (2,) inside the picture that may be covered, by a shadow or a holder: it has the background's hue at
@@ -363,6 +361,7 @@ class _MeasuredRod:
             wander_px=self.wander_px * times,
             goes_on_px=None if self.goes_on_px is None else at(self.goes_on_px),
             gap_px=None if self.gap_px is None else at(self.gap_px),
+            kink_px=None if self.kink_px is None else at(self.kink_px),
         )
 
     def end_colours(self, planes: np.ndarray) -> np.ndarray:
@@ -390,7 +389,9 @@ def _fitted(
     for end, way in ((first, 1), (last, -1)):
         if end is not None:
             apart = np.hypot(*(coarse[::way] - end).T) > 1.5 * width
-            coarse = np.concatenate([end[None], coarse[::way][int(np.argmax(apart)) :]])[::way]
+            rest = coarse[::way][int(np.argmax(apart)) :]
+            if _leads_to(rest, end, settings.sharp_widths[0] * width, settings.sharp_turn):
+                coarse = np.concatenate([end[None], rest])[::way]
     course: _Course | None = None
     most = 0.0
     # highlights and shadows change light, hairs have the rod's colour: the channels are used that make edges parallel
@@ -406,6 +407,9 @@ def _fitted(
     if course is None:
         return None
     rod = _judged(patch, course, first is not None and last is not None, settings)
+    tolerance = settings.click_share * float(np.hypot(*patch.size)) + 0.5 * rod.width_px
+    clicks = [(end - at) / tolerance for end, at in zip(known, rod.curve_px[[0, -1]], strict=True) if end is not None]
+    rod.parts["off_clicks"] = settings.click_cost * float(np.sum(np.square(clicks)))
     away = np.minimum(rod.curve_px[[0, -1]], patch.size - 1.0 - rod.curve_px[[0, -1]]).min(axis=1)
     longer = arc_lengths(rod.curve_px)[-1] > arc_lengths(path.path_px)[-1] + rod.width_px
     if longer and any(
@@ -423,11 +427,12 @@ def _judged(patch: _PhotoPatch, course: _Course, known: bool, settings: RodSetti
     length, diagonal = float(arc_lengths(curve)[-1]), float(np.hypot(*patch.size)) * patch.scale
     cell = max(width, settings.correlation_share * diagonal)
     there, parts = _along(planes, curve, width, cell, seen, settings)
-    parts |= {"edges": edged, "length_share": length / diagonal}
+    parts |= {"edges": edged, "length_share": length / diagonal, "off_clicks": 0.0}
     holder = _holders(planes, noise, curve, width, settings)
     evidence = parts["ribbon"] if known else _rod_odds(parts, inside, holder, settings)
-    gap, goes_on = (
+    gap, kink, goes_on = (
         _gap(curve, there, settings.longest_gap * max(cell / length, 0.02)),
+        _kink(curve, width, settings),
         _goes_on(planes, noise, curve, width, inside, settings),
     )
     return _MeasuredRod(
@@ -439,6 +444,7 @@ def _judged(patch: _PhotoPatch, course: _Course, known: bool, settings: RodSetti
         holder,
         None if goes_on is None else patch.back(goes_on),
         None if gap is None else patch.back(gap),
+        None if kink is None else patch.back(kink),
         evidence,
         parts,
     )
@@ -463,6 +469,14 @@ def _joined(planes: np.ndarray, one: _MeasuredRod, other: _MeasuredRod, settings
     curve, edged = patch.here(curve), min(one.parts["edges"], other.parts["edges"])
     seen = np.ones(len(curve), bool)
     return _judged(patch, (curve, curve, np.zeros(1), room * patch.scale, one.inside, seen, edged), False, settings)
+
+
+def _leads_to(line: np.ndarray, end: np.ndarray, run: float, most_turn: float) -> bool:
+    """Whether a line (N, 2) can come from a known end: it turns by `most_turn` within a length `run` at most."""
+    far = np.hypot(*(line - line[0]).T) > 1.5 * run
+    ahead, before = line[int(np.argmax(far)) if far.any() else -1] - line[0], line[0] - end
+    apart = float(np.hypot(*before))
+    return float(ahead @ before) > np.cos(most_turn * min(1.0, apart / run)) * apart * float(np.hypot(*ahead))
 
 
 _Course = tuple[np.ndarray, np.ndarray, np.ndarray, float, tuple[bool, bool], np.ndarray, float]
@@ -505,7 +519,12 @@ def _course(
     def to_the_ends(beyond: float) -> tuple[np.ndarray, np.ndarray, tuple[bool, bool], float]:
         # where nothing is measured next to a known end, it is the end that is known
         lead, trail = (
-            [end[None]] if end is not None and np.hypot(*(points - end).T).min() > width else [] for end in ends
+            [end[None]]
+            if end is not None
+            and np.hypot(*(points - end).T).min() > width
+            and _leads_to(points[::way], end, settings.sharp_widths[0] * width, 0.7 * settings.sharp_turn)
+            else []
+            for end, way in zip(ends, (1, -1), strict=True)
         )
         curve, misses = _robust(np.concatenate([*lead, points, *trail]), scale, width, beyond)
         misses = misses[len(lead) : len(misses) - len(trail)]
@@ -522,8 +541,10 @@ def _course(
     if len(points) < settings.least_points:
         return None
     curve, misses, inside, hidden = to_the_ends(2.0 * width)
+    if len(curve) < 10:
+        return None
     ahead, *_ = to_the_ends((2.0 + settings.bridged_widths) * width)
-    longer = arc_lengths(ahead)[-1] > arc_lengths(curve)[-1]
+    longer = len(ahead) > 0 and arc_lengths(ahead)[-1] > arc_lengths(curve)[-1]
     if longer and any(
         within and np.hypot(*(ahead[end] - curve[end])) > 0.2 * width
         for end, within in zip((0, -1), inside, strict=True)
@@ -644,20 +665,18 @@ def _goes_on(
         along = width * np.linspace(1.0, settings.ahead_widths, 12)[:, None, None, None]
         across = width * np.array([-1.2, 0.0, 1.2])[:, None] * np.stack([-way[:, 1], way[:, 0]], axis=1)[:, None]
         places = near[-1] + along * way[:, None] + across  # (12, 61, 3, 2)
-        within_picture = np.all((places >= 0.0) & (places <= size), axis=(0, 2, 3))
-        if not within_picture.any():
-            continue
+        within_picture = np.all((places >= 0.0) & (places <= size), axis=(2, 3))  # (12, 61)
         strip = _Strip.along(planes, near, max(1.0, 0.2 * width), 1.6 * width, max(0.25, width / 12.0))
         rod = np.nanmedian(strip.colours(-0.25 * width, 0.25 * width), axis=1)
         sides = (strip.colours(-1.5 * width, -0.9 * width), strip.colours(0.9 * width, 1.5 * width))
         around = np.nanmedian(np.concatenate(sides, axis=1), axis=1)
-        u, v = np.clip(places, 0.0, size).round().astype(int)[:, within_picture].transpose(3, 0, 1, 2)
+        u, v = np.clip(places, 0.0, size).round().astype(int).transpose(3, 0, 1, 2)
         difference = (rod - around) / noise**2
-        seen = np.moveaxis(planes[:, v, u], 0, -1) - around
-        like = seen @ difference / max(difference @ (rod - around), 1e-9)
-        on_rod = (like[..., 1] > 0.6) & (like[..., 1] < 1.6)
-        apart = (like[..., [0, 2]] < 0.5).all(axis=-1)  # but for what crosses it
-        if ((on_rod.mean(axis=0) > 0.8) & (apart.mean(axis=0) > 0.5)).any():
+        seen = np.moveaxis(planes[:, v, u], 0, -1)
+        # over either side there, as light may change along it
+        over = (seen[:, :, 1:2] - seen[:, :, [0, 2]]) @ difference / max(difference @ (rod - around), 1e-9)
+        on_rod = within_picture & (over.min(axis=-1) > 0.5) & (over.max(axis=-1) < 1.6)
+        if (on_rod.sum(axis=0) > 0.8 * np.maximum(within_picture.sum(axis=0), 6)).any():
             return line[-1]
     return None
 
@@ -693,6 +712,18 @@ def _gap(curve: np.ndarray, there: np.ndarray, longest_gap: float) -> np.ndarray
     if ends[longest] - starts[longest] < longest_gap * len(there):
         return None
     return curve[int(0.5 * (starts[longest] + ends[longest]) / len(there) * (len(curve) - 1))]
+
+
+def _kink(curve: np.ndarray, width: float, settings: RodSettings) -> np.ndarray | None:
+    """The place (2,) on an evenly spaced curve where it turns the most, if that is more than a rod can; else None."""
+    widths, least = settings.sharp_widths
+    step = float(arc_lengths(curve)[-1]) / (len(curve) - 1)
+    run = min(max(2, round(max(widths * width, least) / step)), len(curve) - 2)
+    way = np.diff(curve, axis=0)
+    angle = uniform_filter1d(np.unwrap(np.arctan2(way[:, 1], way[:, 0])), max(1, run // 5), mode="nearest")
+    turns = np.abs(angle[run:] - angle[:-run])
+    most = int(np.argmax(turns))
+    return curve[most + run // 2] if turns[most] > settings.sharp_turn else None
 
 
 def _holders(
@@ -1049,6 +1080,10 @@ class RodSearch:
         whole = settings.least_mean if known == 2 else settings.usual_mean
         if best.parts["mean"] < (settings.least_mean_clear if clear else whole):
             raise InputError("no rod can be made out: the likeliest line is one only in parts", remedy=remedy)
+        if best.kink_px is not None:
+            u, v = best.kink_px
+            what = f"the likeliest line turns near {u:.0f},{v:.0f} more sharply than a rod can"
+            raise InputError(what, remedy=remedy)
         if best.gap_px is not None and not (clear and known == 2 and best.parts["edges"] > settings.clear[0]):
             u, v = best.gap_px
             what = f"the likeliest line is interrupted near {u:.0f},{v:.0f}"
@@ -1063,15 +1098,13 @@ class RodSearch:
             alike = [
                 line.straight_mean > least_mean
                 and not best.contains(line.curve_px)
-                and (best.may_be_shadow or not line.may_be_shadow)
+                and (best.may_be_shadow or line.may_be_rod)
                 for line in self.candidates
             ]
         else:
             lead, least_lead = settings.rival_lead
             least = min(max(settings.rival_odds, best.evidence - lead), best.evidence - least_lead)
-            alike = [
-                line.evidence > least and (best.may_be_shadow or not line.may_be_shadow) for line in self.candidates
-            ]
+            alike = [line.evidence > least and (best.may_be_shadow or line.may_be_rod) for line in self.candidates]
         rivals = [number for number, is_one in enumerate(alike[1:], start=2) if is_one]
         if rivals:
             numbers = ", ".join(map(str, range(1, rivals[-1]))) + f" and {rivals[-1]}"
@@ -1147,8 +1180,6 @@ def _between(planes: np.ndarray, clamp: np.ndarray, tip: np.ndarray, settings: R
     """Lines from clamp to tip, the likeliest first."""
     levels = _levels_of(planes, settings)
     found = _ranked(_measured(planes, levels, (clamp, tip), settings), settings)
-    if found and found[0].may_be_shadow:  # what casts it runs beside it
-        found = _ranked(found + _measured(planes, levels, (clamp, tip), settings, apart_from=found[0]), settings)
     if found and not found[0].is_good(settings) and found[0].parts["mean"] > settings.coloured_mean:
         # of one colour, as at the ends
         colours = found[0].end_colours(planes)
@@ -1162,17 +1193,15 @@ def _measured(
     ends: tuple[np.ndarray, np.ndarray],
     settings: RodSettings,
     colours: np.ndarray | None = None,
-    apart_from: _MeasuredRod | None = None,
 ) -> list[_MeasuredRod]:
-    """Measured lines from clamp to tip but along `apart_from`, searching from the widest ribbons to the narrowest until
-    one is a good rod."""
+    """Measured lines from clamp to tip, searching from the widest ribbons to the narrowest until one is a good rod."""
     found: list[_MeasuredRod] = []
     bound, mean, (clamp, tip) = settings.most_cost, 0.0, ends
     for at in levels:
         width_px = at[1]
         if any(line.is_good(settings) and line.width_px > 1.8 * width_px for line in found):
             break
-        for path in _paths_at(at, ends, settings, bound, colours, apart_from):
+        for path in _paths_at(at, ends, settings, bound, colours):
             length = max(arc_lengths(path.path_px)[-1], np.hypot(*(tip - clamp)))  # wide paths end short of the ends
             mean = max(mean, path.mean)
             if length < settings.least_aspect * width_px or path.mean < max(settings.least_path_mean, mean - 1.0):
@@ -1189,11 +1218,11 @@ def _measured(
 def _ranked(found: list[_MeasuredRod], settings: RodSettings) -> list[_MeasuredRod]:
     """Lines in order of mean evidence less their winding, or of total evidence where that is about equal; shadows after
     what may cast them."""
-    sound = [line for line in found if not line.may_be_shadow and line.is_whole(settings)]
+    sound = [line for line in found if line.may_be_rod and line.is_whole(settings)]
     best = max((line.straight_mean for line in sound or found), default=0.0)
 
     def order(line: _MeasuredRod) -> tuple[bool, bool, float]:
-        return bool(sound) and line.may_be_shadow, line.straight_mean < best - settings.alike, -line.evidence
+        return bool(sound) and not line.may_be_rod, line.straight_mean < best - settings.alike, -line.evidence
 
     return sorted(found, key=order)
 

@@ -77,8 +77,14 @@ class RodSettings:
     """Log odds of a change of direction by 11 degrees in a step of 1.4 widths, growing with the square: tried."""
     click_share: float = 0.012
     """How far a click may be off an end, in diagonals of the picture, and half a width."""
+    click_cost: float = 3.0
+    """Mean evidence that a line loses by ending that far off a click, growing with the square: others may be nearer."""
     least_evidence: float = 12.0
     """Evidence below which a path is no candidate."""
+    sharp_turn: float = 1.2
+    """Radians within `sharp_widths` that no rod turns by: right lines of 480 turned by up to 0.9."""
+    sharp_widths: tuple[float, float] = (2.0, 12.0)
+    """Length along a line, in widths and at least in pixels of the measured picture, of such a turn."""
     candidates: int = 6
     """Number of candidates at most: what a person can compare."""
     good_mean: float = 2.7

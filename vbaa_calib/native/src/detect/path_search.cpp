@@ -377,11 +377,16 @@ std::vector<FoundPath> best_paths(View<const float, 3> down, View<const float, 3
     };
     if (starts.shape[0] > 0) {
         const std::vector<State> first = lattice.near(starts);
+        bool another = false;
         while (static_cast<int>(found.size()) < rules.count) {
             const int at = lattice.search(first, ends);
             const std::size_t before = found.size();
             if (at != NOWHERE) keep(lattice.path(at), lattice[at].sum, lattice[at].cost);
-            if (found.size() == before || (ends.shape[0] > 0 && !lattice.cut(at, starts, ends))) break;
+            if (found.size() == before) break;
+            if (ends.shape[0] == 0 || lattice.cut(at, starts, ends)) continue;
+            if (another) break;
+            lattice.take(lattice.path(at), starts, ends);  // another rod may run between the same ends
+            another = true;
         }
         return found;
     }
