@@ -28,22 +28,22 @@ MOST_SILENT, FEWEST_NAMED, MOST_DOUBTED = 0.0, 0.95, 0.02
 
 
 QUICK = {
-    TAKEN: ((15, 0), (32, 0), (35, 1), (39, 0)),
-    RECORDED: ((2, 2), (9, 1), (17, 2), (26, 2), (34, 1), (42, 0), (47, 2)),
+    TAKEN: ((15, 0, 0), (32, 0, 0), (35, 1, 0), (39, 0, 0)),
+    RECORDED: ((2, 2, 0), (9, 1, 3), (17, 2, 0), (26, 2, 0), (34, 1, 0), (42, 0, 0), (47, 2, 0)),
 }
-"""Rows with the other tests, one of each kind, and the rig of each, on which it is decided soonest. Of sessions, from
+"""Rows with the other tests, one of each kind, with the rig and draw on which it is decided soonest. Of sessions, from
 pictures to rig, few: their rows, sensor and jig alone in tests/calibrate/test_diagnose.py."""
 
 
-def outcomes(name: str, cases: Iterable[tuple[int, int]], draws: int = 1) -> list[tuple[Mistake[Any], Outcome]]:
+def outcomes(name: str, cases: Iterable[tuple[int, int, int]]) -> list[tuple[Mistake[Any], Outcome]]:
     """These rows of a table, each on a rig, with values and noise of its own."""
     table = TABLES[name]
-    return [(table[row], drawn(name, table[row], rig, (7, row, draw))) for row, rig in cases for draw in range(draws)]
+    return [(table[row], drawn(name, table[row], rig, (7, row, draw))) for row, rig, draw in cases]
 
 
-def every_case(name: str) -> Iterable[tuple[int, int]]:
+def every_case(name: str, draws: int) -> Iterable[tuple[int, int, int]]:
     """All rows of a table on all rigs."""
-    return product(range(len(TABLES[name])), range(len(KINDS)))
+    return product(range(len(TABLES[name])), range(len(KINDS)), range(draws))
 
 
 def check(found: Sequence[tuple[Mistake[Any], Outcome]]) -> None:
@@ -66,7 +66,7 @@ class TestRecordings:
 
     @pytest.mark.slow
     def test_all_mistakes_on_all_rigs(self) -> None:
-        check(outcomes(RECORDED, every_case(RECORDED), draws=4))
+        check(outcomes(RECORDED, every_case(RECORDED, 4)))
 
 
 class TestSessions:
@@ -77,7 +77,7 @@ class TestSessions:
 
     @pytest.mark.slow
     def test_all_mistakes_on_all_rigs(self) -> None:
-        check(outcomes(TAKEN, every_case(TAKEN), draws=2))
+        check(outcomes(TAKEN, every_case(TAKEN, 2)))
 
 
 class TestCleanMaterial:

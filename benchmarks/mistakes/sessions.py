@@ -28,7 +28,7 @@ from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session import Load, Still, load_session
 
-from .recordings import NAMED, NOTHING, Mistake
+from .recordings import NAMED, NOTHING, Mistake, _either
 from .rigs import (
     GRAVITY_WORLD_M_S2,
     LINE_PX,
@@ -222,13 +222,10 @@ def _column(name: str, change: Callable[[np.ndarray, np.random.Generator], np.nd
     return _rows(altered, loads)
 
 
-def _either(low: float, high: float, rng: np.random.Generator) -> float:
-    return float(rng.choice([-1.0, 1.0]) * rng.uniform(low, high))
-
-
-def _one(values: np.ndarray, change: float, rng: np.random.Generator) -> np.ndarray:
+def _one(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """One of them 3 mm less."""
     values = values.copy()
-    values[rng.integers(len(values))] += change
+    values[rng.integers(len(values))] -= 3e-3
     return values
 
 
@@ -463,7 +460,7 @@ def _mirrored(was: Taken, rng: np.random.Generator) -> Taken:
     return replace(was, lines=lines)
 
 
-def _row(what: str, must: str, right: str, altered: Changed) -> Mistake[Taken]:
+def _row(what: str, right: str, altered: Changed, must: str = NAMED) -> Mistake[Taken]:
     kinds = [pattern for name, pattern in SAYS.items() if name in right]
     return Mistake(what, must, frozenset(right.split()), altered, "|".join(kinds))
 
@@ -494,69 +491,56 @@ MATERIAL = "stiffness_not_nominal material diameter"
 JIG = "jig_unit jig_sign jig_axes_exchanged jig_turned jig_rotation_order jig_inverse"
 MOVED = "camera_moved camera_turned"
 SESSION = (
-    _row("length_m by 1 to 2 %", NAMED, "antenna_length", _typed(_length)),
-    _row("board's squares by 2 to 5 %", NAMED, "board_scale", _typed(_squares)),
-    _row(
-        "one load's distance by 3 mm",
-        *(NAMED, "load_distance_mistyped"),
-        _column("distance_m", lambda x, rng: _one(x, -3e-3, rng)),
-    ),
-    _row(
-        "all loads' distances by 3 mm", NAMED, "load_distances_shifted", _column("distance_m", lambda x, rng: x - 3e-3)
-    ),
-    _row("two weights exchanged", NAMED, ROWS, _exchanged(("force_y_N", "force_z_N"))),
-    _row("two distances exchanged", NAMED, ROWS, _exchanged(("distance_m",))),
-    _row("two pictures exchanged", NAMED, ROWS, _pictures_exchanged),
-    _row("loads turned by 4 to 8°", NAMED, "loads_turned", _forces(_turned(0.09))),
-    _row("loads' y and z exchanged", NAMED, "loads_turned load_force_mistyped", _forces(lambda f, rng: f[:, ::-1])),
-    _row("loads' sign", NAMED, "loads_turned load_force_mistyped", _forces(lambda f, rng: -f)),
-    _row("loads in grams", NAMED, FORCE, _forces(lambda f, rng: f / 9.80665e-3)),
-    _row("loads × 9.81", NAMED, FORCE, _forces(lambda f, rng: f * 9.80665)),
-    _row("loads in pounds", NAMED, FORCE, _forces(lambda f, rng: f / 4.4482)),
-    _row("another material", NAMED, MATERIAL, _typed(_material)),
-    _row("diameter by 8 to 15 %", NAMED, MATERIAL, _typed(_diameter)),
-    _row("moment's sign", NAMED, "sensor_sign", _column("moment_Nm", lambda m, rng: -m, loads=False)),
-    _row("moment in mN·m", NAMED, "sensor_unit", _column("moment_Nm", lambda m, rng: 1e3 * m, loads=False)),
-    _row("moment dead", NAMED, "sensor_not_connected", _column("moment_Nm", lambda m, rng: 0.0 * m, loads=False)),
+    _row("length_m by 1 to 2 %", "antenna_length", _typed(_length)),
+    _row("board's squares by 2 to 5 %", "board_scale", _typed(_squares)),
+    _row("one load's distance by 3 mm", "load_distance_mistyped", _column("distance_m", _one)),
+    _row("all loads' distances by 3 mm", "load_distances_shifted", _column("distance_m", lambda x, rng: x - 3e-3)),
+    _row("two weights exchanged", ROWS, _exchanged(("force_y_N", "force_z_N"))),
+    _row("two distances exchanged", ROWS, _exchanged(("distance_m",))),
+    _row("two pictures exchanged", ROWS, _pictures_exchanged),
+    _row("loads turned by 4 to 8°", "loads_turned", _forces(_turned(0.09))),
+    _row("loads' y and z exchanged", "loads_turned load_force_mistyped", _forces(lambda f, rng: f[:, ::-1])),
+    _row("loads' sign", "loads_turned load_force_mistyped", _forces(lambda f, rng: -f)),
+    _row("loads in grams", FORCE, _forces(lambda f, rng: f / 9.80665e-3)),
+    _row("loads × 9.81", FORCE, _forces(lambda f, rng: f * 9.80665)),
+    _row("loads in pounds", FORCE, _forces(lambda f, rng: f / 4.4482)),
+    _row("another material", MATERIAL, _typed(_material)),
+    _row("diameter by 8 to 15 %", MATERIAL, _typed(_diameter)),
+    _row("moment's sign", "sensor_sign", _column("moment_Nm", lambda m, rng: -m, loads=False)),
+    _row("moment in mN·m", "sensor_unit", _column("moment_Nm", lambda m, rng: 1e3 * m, loads=False)),
+    _row("moment dead", "sensor_not_connected", _column("moment_Nm", lambda m, rng: 0.0 * m, loads=False)),
     _row(
         "no sensor, but noise",
-        *(NAMED, "sensor_not_connected"),
+        "sensor_not_connected",
         _column("moment_Nm", lambda m, rng: 1e-2 * np.ptp(m) * rng.normal(size=len(m)), loads=False),
     ),
-    _row("moment about the other axis", NAMED, "sensor_axis", _rows(_other_axis, loads=False)),
-    _row("pan and tilt exchanged", *(NAMED, "joint_readings_wrong"), _rows(_joints_exchanged, loads=False)),
-    _row("tilt's sign", NAMED, "joint_readings_wrong", _column("tilt_rad", lambda t, rng: -t, loads=False)),
-    _row("jig off by 1 mm", NOTHING, "", _jig(_moved(1e-3))),
-    _row("gravity tilted by 3 to 10°", NAMED, "gravity_tilted gravity_direction", _typed(_gravity((3.5, 10.0)))),
-    _row("gravity upward", NAMED, "gravity_direction gravity_tilted", _typed(_gravity((180.0, 180.0)))),
-    _row(
-        "no gravity",
-        NAMED,
-        "weightless gravity_direction",
-        _typed(lambda file, was, rng: file.update(gravity_world=None)),
-    ),
-    _row("jig turned by 180°", NAMED, JIG, _jig(_half_turn)),
-    _row("jig: one sign", NAMED, JIG, _jig(_sign)),
-    _row(
-        "jig: x and y exchanged", NAMED, JIG, _jig(lambda pose, rng: Pose(pose.rotation, pose.translation_m[[1, 0, 2]]))
-    ),
-    _row("jig in cm", NAMED, JIG, _scaled_jig(100.0)),
-    _row("jig in mm", NAMED, JIG, _scaled_jig(1000.0)),
-    _row("jig in inch", NAMED, JIG, _scaled_jig(1.0 / 0.0254)),
-    _row("camera turned after the jig", NAMED, MOVED, _worlds(_camera_turned)),
-    _row("camera turned between loads", NAMED, f"{MOVED} clamp_slipped", _worlds(_camera_turned, "last")),
-    _row("refocused after the jig by 1 to 3 %", NAMED, "focus_changed refocused", _worlds(_refocused(0.01, 0.03))),
-    _row("board's pictures cropped", NAMED, "picture_cropped lens_contradicted focus_changed refocused", _cropped),
-    _row("antenna's pictures mirrored", NAMED, "pictures_mirrored picture_mirrored mirrored", _mirrored),
-    _row("lens of another camera", NAMED, "lens_contradicted other_camera focus_changed refocused", _other_lens),
-    _row("antenna bent by the last loads", NAMED, "antenna_bent_between", _worlds(_bent, "last")),
-    _row("clamp turned by 1.5 to 5 mrad", NAMED, "clamp_slipped", _worlds(_clamp_turned, "last")),
-    _row("clamp shifted by 1 to 3 mm", NAMED, "clamp_slipped", _worlds(_clamp_shifted, "last")),
-    _row("EI 4 to 8 % softer to z", NAMED, "stiffness_uneven", _uneven),
-    _row("a free picture that touches", NAMED, "noload_touched noload_row_unexplained", _touched),
-    _row("loads in kilograms", NAMED, FORCE, _forces(lambda f, rng: f / 9.80665)),
-    _row("tilt in degrees", NAMED, "joint_readings_wrong", _column("tilt_rad", lambda t, rng: np.rad2deg(t), False)),
-    _row("a load that rests on something", NAMED, f"load_supported {ROWS}", _forces(_resting)),
-    _row("an antenna that tapers by a half", NAMED, "stiffness_varies", _worlds(_tapered)),
+    _row("moment about the other axis", "sensor_axis", _rows(_other_axis, loads=False)),
+    _row("pan and tilt exchanged", "joint_readings_wrong", _rows(_joints_exchanged, loads=False)),
+    _row("tilt's sign", "joint_readings_wrong", _column("tilt_rad", lambda t, rng: -t, loads=False)),
+    _row("jig off by 1 mm", "", _jig(_moved(1e-3)), NOTHING),
+    _row("gravity tilted by 3 to 10°", "gravity_tilted gravity_direction", _typed(_gravity((3.5, 10.0)))),
+    _row("gravity upward", "gravity_direction gravity_tilted", _typed(_gravity((180.0, 180.0)))),
+    _row("no gravity", "weightless gravity_direction", _typed(lambda file, was, rng: file.update(gravity_world=None))),
+    _row("jig turned by 180°", JIG, _jig(_half_turn)),
+    _row("jig: one sign", JIG, _jig(_sign)),
+    _row("jig: x and y exchanged", JIG, _jig(lambda pose, rng: Pose(pose.rotation, pose.translation_m[[1, 0, 2]]))),
+    _row("jig in cm", JIG, _scaled_jig(100.0)),
+    _row("jig in mm", JIG, _scaled_jig(1000.0)),
+    _row("jig in inch", JIG, _scaled_jig(1.0 / 0.0254)),
+    _row("camera turned after the jig", MOVED, _worlds(_camera_turned)),
+    _row("camera turned between loads", f"{MOVED} clamp_slipped", _worlds(_camera_turned, "last")),
+    _row("refocused after the jig by 1 to 3 %", "focus_changed refocused", _worlds(_refocused(0.01, 0.03))),
+    _row("board's pictures cropped", "picture_cropped lens_contradicted focus_changed refocused", _cropped),
+    _row("antenna's pictures mirrored", "pictures_mirrored picture_mirrored mirrored", _mirrored),
+    _row("lens of another camera", "lens_contradicted other_camera focus_changed refocused", _other_lens),
+    _row("antenna bent by the last loads", "antenna_bent_between", _worlds(_bent, "last")),
+    _row("clamp turned by 1.5 to 5 mrad", "clamp_slipped", _worlds(_clamp_turned, "last")),
+    _row("clamp shifted by 1 to 3 mm", "clamp_slipped", _worlds(_clamp_shifted, "last")),
+    _row("EI 4 to 8 % softer to z", "stiffness_uneven", _uneven),
+    _row("a free picture that touches", "noload_touched noload_row_unexplained", _touched),
+    _row("loads in kilograms", FORCE, _forces(lambda f, rng: f / 9.80665)),
+    _row("tilt in degrees", "joint_readings_wrong", _column("tilt_rad", lambda t, rng: np.rad2deg(t), False)),
+    _row("a load that rests on something", f"load_supported {ROWS}", _forces(_resting)),
+    _row("an antenna that tapers by a half", "stiffness_varies", _worlds(_tapered)),
 )
 """The matrix's column of sessions. Edit the names of the findings here."""

@@ -37,5 +37,4 @@ def test_a_thread_over_the_antenna_raises_no_alarm() -> None:
 @pytest.mark.slow
 def test_two_hundred_clean_sessions_raise_no_alarm() -> None:
     found = {seed: lines for seed in range(200) if (lines := alarms(seed))}
-    print(f"{len(found)} of 200 clean sessions with an alarm")
     assert found == {}

@@ -100,7 +100,6 @@ def test_a_camera_knocked_by_a_pixel_is_named_within_thirty_free_frames() -> Non
 def test_many_knocks() -> None:
     """In twenty rigs: none beforehand; of two, one takes 32 frames and one may be the clamp or the camera."""
     found = [judged(seed) for seed in range(20)]
-    print(found)
     assert sum(early for early, _ in found) == 0
     assert sum(free is not None and free <= 30 for _, free in found) >= 18
 
@@ -116,7 +115,6 @@ def test_a_sound_rig_has_no_alarm() -> None:
         watch = RigWatch(bench.rig)
         numbered = list(zip(range(240), several, contacts, strict=True))
         odds += [watch._judged(numbered[begin : begin + 60])[0].log_odds for begin in range(0, 240, 60)]
-    print(f"largest log odds {max(odds):.1f} of {len(odds)}")
     assert max(odds) < 0.7 * WatchSettings.least_log_odds
 
 
