@@ -85,29 +85,25 @@ class SessionContactEstimator(ContactEstimator):
         What the frames together show to be wrong is in `verdict`, and its rows are `contradicted`. no_moment : by the
         pictures alone. Raises InputError for what is wrong in its files.
         """
-        from estimator.contact.source import estimate_source, open_source
+        from estimator.contact.source import contact_tables, open_source
         from estimator.diagnose import RecordingWatch
         from estimator.diagnose.consequences import changed_row, with_unused
-        from estimator.table.contacts import ContactRow
         from estimator.table.overview import Overview
         from vbaa_calib.session import drift_of
 
         source = open_source(Path(path), self.rig, no_moment)
         rig = replace(self.rig, drift=drift_of(None, source.drift, self.rig.drift))
         own = ContactEstimator(rig, self.model, friction=self.friction_rad, jobs=self.jobs)
-        watch, overview, rows = RecordingWatch(rig), Overview(rig.columns), list[ContactRow]()
-        for item in estimate_source(own, source):
-            watch.push(item.measured, item.contact)
-            overview.add_readings(item.frame, item.measured, item.contact)
-            rows.append(ContactRow.of(item.frame, item.contact))
+        watch, overview = RecordingWatch(rig), Overview(rig.columns)
+        tables = list(contact_tables(own, source, overview, watch))
         self.drift = own.drift
         self.verdict = verdict = with_unused(watch.verdict(), overview.unused, overview.frames)
-        for number, row in enumerate(rows):
-            status, reason = changed_row(verdict, number, row.status, row.reason)
-            rows[number] = replace(row, status=status, reason=reason)
-        if not rows:
+        if not tables:
             raise InputError("has no frame", where=path, remedy="record at least one")
-        return ContactTable.from_rows(rows)
+        table = ContactTable.joined(tables)
+        pairs = zip(table.status.tolist(), table.reason.tolist(), strict=True)
+        status, reason = zip(*(changed_row(verdict, number, *pair) for number, pair in enumerate(pairs)), strict=True)
+        return replace(table, status=np.array(status), reason=np.array(reason))
 
     def live(self, frames: Iterable[Mapping[str, Any]]) -> Iterator[Contact]:
         """Yields each frame's contact as it comes, from this frame and those before it, with motion test and drift.

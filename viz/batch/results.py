@@ -11,7 +11,6 @@ results/
 from __future__ import annotations
 
 import json
-import math
 from array import array
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -24,7 +23,7 @@ import numpy as np
 
 from estimator.diagnose import RecordingVerdict
 from estimator.diagnose.consequences import changed_row
-from estimator.table.contacts import LOCATED, STATUSES, ContactRow
+from estimator.table.contacts import LOCATED, STATUSES, ContactTable
 from estimator.table.files import rewrite_contacts, write_contacts
 from estimator.table.overview import readings_in_words
 from vbaa_calib.core.csv_rows import csv_text
@@ -138,7 +137,7 @@ class Results:
     def write(
         self,
         name: str,
-        rows: Iterable[ContactRow],
+        tables: Iterable[ContactTable],
         judged: Callable[[], RecordingVerdict],
         about: Callable[[RecordingVerdict], Row],
     ) -> Row:
@@ -151,16 +150,17 @@ class Results:
         places, residuals, verdict = array("q"), array("d"), RecordingVerdict()
         summary, metadata, whole = dict[str, Any](), dict[bytes, bytes](), dict[bytes, bytes]()
 
-        def counted() -> Iterator[ContactRow]:
+        def counted() -> Iterator[ContactTable]:
             nonlocal verdict
-            for number, row in enumerate(rows):
-                if row.status in LOCATED:
-                    places.append(number)
-                    for column, values in located.items():
-                        values.append(getattr(row, column))
-                if math.isfinite(row.moment_residual_Nm):
-                    residuals.append(row.moment_residual_Nm)
-                yield row
+            begin = 0
+            for table in tables:
+                (own,) = np.isin(table.status, LOCATED).nonzero()
+                places.extend((begin + own).tolist())
+                for column, values in located.items():
+                    values.extend(getattr(table, column)[own].tolist())
+                residuals.extend(table.moment_residual_Nm[np.isfinite(table.moment_residual_Nm)].tolist())
+                begin += len(table)
+                yield table
             self.object(name).unlink(missing_ok=True)  # it is no longer these contacts'
             verdict = judged()
             kept = np.array([not verdict.concerns(place) for place in places], bool)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -17,11 +16,11 @@ import cv2
 import vbaa_calib
 from estimator.contact.drift import summary
 from estimator.contact.estimate import ContactEstimator
-from estimator.contact.source import estimate_source, inputs_digest, is_stream, open_source
+from estimator.contact.source import contact_tables, inputs_digest, is_stream, open_source
 from estimator.contact.surroundings import AUTO, surroundings
 from estimator.diagnose import RecordingVerdict, RecordingWatch
 from estimator.diagnose.consequences import changed_row, with_unused
-from estimator.table.contacts import STATUSES, ContactRow
+from estimator.table.contacts import STATUSES
 from estimator.table.overview import Overview
 from vbaa_calib.core.errors import clipped, sentence_of
 from vbaa_calib.core.files import sha256
@@ -99,14 +98,6 @@ def _estimated(recording: BatchRecording, settings: BatchSettings, results: Resu
     source, overview = source.clocked(estimator, ground), Overview(rig.columns)
     watch = RecordingWatch(rig)
 
-    def rows() -> Iterator[ContactRow]:
-        for item in estimate_source(estimator, source, ground):
-            row = ContactRow.of(item.frame, item.contact)
-            watch.push(item.measured, item.contact)
-            overview.add_readings(item.frame, item.measured, item.contact)
-            overview.add_result(row.frame, row.status, row.reason)
-            yield row
-
     def summarized(verdict: RecordingVerdict) -> Row:
         if verdict.concerns_any:
             overview.amend(partial(changed_row, verdict))
@@ -134,7 +125,8 @@ def _estimated(recording: BatchRecording, settings: BatchSettings, results: Resu
     def judged() -> RecordingVerdict:
         return with_unused(watch.verdict(), overview.unused, overview.frames)
 
-    return results.write(recording.name, rows(), judged, summarized)
+    tables = contact_tables(estimator, source, overview, watch, ground)
+    return results.write(recording.name, tables, judged, summarized)
 
 
 def _with_object(outcome: Outcome, recording: BatchRecording, settings: BatchSettings, results: Results) -> Outcome:

@@ -172,12 +172,12 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
     import numpy as np
 
     from estimator.contact.drift import drift_in_words, summary
+    from estimator.contact.source import counted_tables
     from estimator.diagnose import RecordingVerdict, RecordingWatch
     from estimator.diagnose.consequences import changed_row, with_unused
     from estimator.table.contacts import ContactRow
     from estimator.table.files import rewrite_contacts, write_contacts
     from estimator.table.overview import Overview, overview_in_words
-    from vbaa_calib.session import numbers_of
 
     rig = usable_rig(args.rig, args.accept_rig)
     recording = _from_session if args.session is not None and _is_session(args.session) else _without_session
@@ -196,20 +196,10 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
     def tables(parts: Iterable[tuple[slice, Batch, Contacts]], listed: Sequence[Frame]) -> Iterator[ContactTable]:
         """The rows of every frame, many at a time."""
         nonlocal verdict
-        names = tuple(dict.fromkeys((*estimator.rig.columns, "moment_Nm", "pan_rad", "tilt_rad")))
-        columns = {name: numbers_of(listed, name) for name in (*names, "frame", "time_s")}
         counted = (None if at else part for part in parts for at in range(len(part[2])))
-        for part in progress(counted, "contacts", frames.count):
-            if part is None:
-                continue
-            own, batch, contacts = part
-            about = {name: each[own] for name, each in columns.items()}
-            table = contacts.table({name: about[name] for name in ("frame", "time_s", "pan_rad", "tilt_rad")})
-            if watch is not None:
-                watch.push_together(batch, contacts)
-            used = np.isfinite(batch.points_px[..., 0]).sum(axis=1)
-            frame_of.extend(range(overview.frames, overview.frames + len(table)))
-            overview.add_table(table, about, np.column_stack([batch.outside_points, used]))
+        whole = (part for part in progress(counted, "contacts", frames.count) if part is not None)
+        for table in counted_tables(whole, listed, overview, watch):
+            frame_of.extend(range(len(frame_of), overview.frames))
             models.update(table.model.tolist())
             std_m.extend(table.distance_std_m.tolist())
             yield table
@@ -300,7 +290,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
 @dataclass(frozen=True, eq=False)
 class _Recording:
     """Frames that are estimated on demand, their number if known, and notes; where clamps move, the antennas' names.
-    together : `estimate_together` of the `listed` frames, where that is possible."""
+    together : `source_together` of the `listed` frames."""
 
     items: Iterable[FrameContact]
     count: int | None
@@ -329,8 +319,7 @@ def _estimator(args: argparse.Namespace, rig: Rig, drift: Drift | None) -> Conta
 
 def _from_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator, _Recording]:
     """The recording of a session. Raises InputError."""
-    from estimator.contact.recording import estimate_together
-    from estimator.contact.source import estimate_source, open_source
+    from estimator.contact.source import estimate_source, open_source, source_together
     from estimator.contact.surroundings import surroundings
 
     if args.readings is not None:
@@ -342,9 +331,7 @@ def _from_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator,
         _say_silent(source.frames, rig)
     ground, words = surroundings(estimator.rig, args.background, lambda: source.stills(rig, Path()))
     items, count = estimate_source(estimator, source, ground), len(source.frames)
-    if source.lines is None or source.shutter.exposure_s or source.shutter.readout_s:
-        return estimator, _Recording(items, count, ground, words)
-    together = partial(estimate_together, estimator, source.frames, source.lines)
+    together = partial(source_together, estimator, source)
     return estimator, _Recording(items, count, ground, words, listed=source.frames, together=together)
 
 
