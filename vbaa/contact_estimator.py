@@ -85,7 +85,7 @@ class SessionContactEstimator(ContactEstimator):
         What the frames together show to be wrong is in `verdict`, and its rows are `contradicted`. no_moment : by the
         pictures alone. Raises InputError for what is wrong in its files.
         """
-        from estimator.contact.source import contact_tables, open_source
+        from estimator.contact.source import open_source
         from estimator.diagnose import RecordingWatch
         from estimator.diagnose.consequences import changed_row, with_unused
         from estimator.table.overview import Overview
@@ -95,7 +95,7 @@ class SessionContactEstimator(ContactEstimator):
         rig = replace(self.rig, drift=drift_of(None, source.drift, self.rig.drift))
         own = ContactEstimator(rig, self.model, friction=self.friction_rad, jobs=self.jobs)
         watch, overview = RecordingWatch(rig), Overview(rig.columns)
-        tables = list(contact_tables(own, source, overview, watch))
+        tables = list(source.tables(own, overview, watch))
         self.drift = own.drift
         self.verdict = verdict = with_unused(watch.verdict(), overview.unused, overview.frames)
         if not tables:

@@ -693,14 +693,14 @@ def _in_order(
     The initialization takes every n-th point: it must not depend on the order in which the points were listed.
     """
     size, missing = rig.camera.image_size, np.zeros(len(points_px), int)
-    place, disordered, *extents = core.solver.places(np.ascontiguousarray(points_px))
+    _, disordered, *extents = core.solver.places(np.ascontiguousarray(points_px), False)
     if any(least < 0.0 or most > side for (least, most), side in zip(extents, size, strict=True)):
         lost = outside(points_px, size)
         points_px, missing = np.where(lost[..., None], np.nan, points_px), lost.sum(axis=1)
-        place, disordered, *_ = core.solver.places(np.ascontiguousarray(points_px))
+        disordered = core.solver.places(np.ascontiguousarray(points_px), False)[1]
     rows, listed = np.flatnonzero(disordered), None
     if len(rows):
-        order = np.argsort(place[rows], axis=1)
+        order = np.argsort(core.solver.places(np.ascontiguousarray(points_px[rows]), True)[0], axis=1)
         listed = np.tile(np.arange(points_px.shape[1]), (len(points_px), 1))
         listed[rows] = order
         points_px, sigma_px = points_px.copy(), np.array(sigma_px)

@@ -27,7 +27,6 @@ from vbaa_calib.session import (
     Still,
     check_pictures,
     load_session,
-    numbers_of,
     pictures_of,
     read_centrelines,
     read_noload,
@@ -150,6 +149,33 @@ class _Source:
         assert self.session is not None
         return [*self.frames, *_free_frames(self.session, rig)]
 
+    def together(self, estimator: ContactEstimator) -> Iterator[tuple[slice, Batch, Contacts]] | None:
+        """`estimate_together` of the frames; None where they come one at a time."""
+        if self.lines is None or self.shutter.exposure_s or self.shutter.readout_s:
+            return None
+        return estimate_together(estimator, self.frames, self.lines)
+
+    def tables(
+        self, estimator: ContactEstimator, overview: Overview, watch: RecordingWatch, ground: Ground | None = None
+    ) -> Iterator[ContactTable]:
+        """The rows of every frame, in order, some at a time, counted in `overview` and followed by `watch`."""
+        together = self.together(estimator)
+        if together is not None:
+            yield from watch.followed(together, self.frames, overview)
+            return
+
+        def rows() -> Iterator[ContactRow]:
+            for item in estimate_source(estimator, self, ground):
+                row = ContactRow.of(item.frame, item.contact)
+                watch.push(item.measured, item.contact)
+                overview.add_readings(item.frame, item.measured, item.contact)
+                overview.add_result(row.frame, row.status, row.reason)
+                yield row
+
+        coming = rows()
+        while some := list(islice(coming, STREAM)):
+            yield ContactTable.from_rows(some)
+
 
 def _recording_files(path: Path) -> list[Path]:
     """The files of a recording other than its pictures. Raises InputError where there is no recording."""
@@ -255,59 +281,6 @@ def estimate_source(
     else:
         found = estimate_centrelines(estimator, source.frames, source.lines)
     return _marked_by_shutter(found, source.shutter, estimator.rig.camera.image_size[1])
-
-
-def contact_tables(
-    estimator: ContactEstimator,
-    source: _Source,
-    overview: Overview,
-    watch: RecordingWatch,
-    ground: Ground | None = None,
-) -> Iterator[ContactTable]:
-    """The rows of every frame of a recording, in order, some at a time, counted in `overview` and followed by
-    `watch`."""
-    together = source_together(estimator, source)
-    if together is not None:
-        yield from counted_tables(together, source.frames, overview, watch)
-        return
-
-    def rows() -> Iterator[ContactRow]:
-        for item in estimate_source(estimator, source, ground):
-            row = ContactRow.of(item.frame, item.contact)
-            watch.push(item.measured, item.contact)
-            overview.add_readings(item.frame, item.measured, item.contact)
-            overview.add_result(row.frame, row.status, row.reason)
-            yield row
-
-    coming = rows()
-    while some := list(islice(coming, STREAM)):
-        yield ContactTable.from_rows(some)
-
-
-def source_together(estimator: ContactEstimator, source: _Source) -> Iterator[tuple[slice, Batch, Contacts]] | None:
-    """`estimate_together` of a recording; None where its frames come one at a time."""
-    if source.lines is None or source.shutter.exposure_s or source.shutter.readout_s:
-        return None
-    return estimate_together(estimator, source.frames, source.lines)
-
-
-def counted_tables(
-    parts: Iterable[tuple[slice, Batch, Contacts]],
-    frames: Sequence[Frame],
-    overview: Overview,
-    watch: RecordingWatch | None,
-) -> Iterator[ContactTable]:
-    """The rows of `estimate_together` of frames, counted in `overview` and followed by `watch`."""
-    names = tuple(dict.fromkeys((*overview.columns, "moment_Nm", "pan_rad", "tilt_rad")))
-    columns = {name: numbers_of(frames, name) for name in (*names, "frame", "time_s")}
-    for own, batch, contacts in parts:
-        about = {name: each[own] for name, each in columns.items()}
-        table = contacts.table({name: about[name] for name in ("frame", "time_s", "pan_rad", "tilt_rad")})
-        if watch is not None:
-            watch.push_together(batch, contacts)
-        used = np.isfinite(batch.points_px[..., 0]).sum(axis=1)
-        overview.add_table(table, about, np.column_stack([batch.outside_points, used]))
-        yield table
 
 
 def inputs_digest(path: Path) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 
@@ -13,12 +13,13 @@ import numpy as np
 from estimator.contact.contacts import Contacts
 from estimator.contact.inputs import Batch, OutlierSettings, point_scatter, shared_share
 from estimator.contact.settings import ContactSettings
-from estimator.table.contacts import Contact, Measured
+from estimator.table.contacts import Contact, ContactTable, Measured
+from estimator.table.overview import Overview
 from vbaa_calib.core.arrays import spread_evenly
 from vbaa_calib.core.errors import Diagnosis, Verdict
 from vbaa_calib.diagnose.decision import explained, joined
 from vbaa_calib.rig import Rig
-from vbaa_calib.session import Drift
+from vbaa_calib.session import Drift, Frame, numbers_of
 
 from .changes import CHANGES, axes_of
 from .evidence import Case, Recorded
@@ -100,6 +101,20 @@ class RecordingWatch:
         line = points, float(sigma[len(sigma) // 2]) if len(sigma) else math.nan
         reasons = [] if contact is None else [(0, contact)]
         self._add([line], read, np.array([measured.time_s]), lambda _: measured, [0], reasons)
+
+    def followed(
+        self, parts: Iterable[tuple[slice, Batch, Contacts]], frames: Sequence[Frame], overview: Overview
+    ) -> Iterator[ContactTable]:
+        """The rows of `estimate_together` of frames, added here and counted in `overview` as they come."""
+        names = tuple(dict.fromkeys((*overview.columns, "moment_Nm", "pan_rad", "tilt_rad")))
+        columns = {name: numbers_of(frames, name) for name in (*names, "frame", "time_s")}
+        for own, batch, contacts in parts:
+            about = {name: each[own] for name, each in columns.items()}
+            table = contacts.table({name: about[name] for name in ("frame", "time_s", "pan_rad", "tilt_rad")})
+            self.push_together(batch, contacts)
+            used = np.isfinite(batch.points_px[..., 0]).sum(axis=1)
+            overview.add_table(table, about, np.column_stack([batch.outside_points, used]))
+            yield table
 
     def push_together(self, batch: Batch, contacts: Contacts) -> None:
         """Add the next rows, of one camera and with times."""

@@ -79,7 +79,7 @@ class FitNumbers:
     def empty(count: int) -> FitNumbers:
         """The numbers of `count` frames without a fit: NaN, 0 and False."""
         nothing, kind = _without_fit()
-        return FitNumbers(np.frombuffer(bytearray(nothing * count), kind))
+        return FitNumbers(np.frombuffer(bytearray(nothing) * count, kind))
 
     @staticmethod
     def joined(several: Sequence[FitNumbers]) -> FitNumbers:

@@ -16,7 +16,7 @@ import cv2
 import vbaa_calib
 from estimator.contact.drift import summary
 from estimator.contact.estimate import ContactEstimator
-from estimator.contact.source import contact_tables, inputs_digest, is_stream, open_source
+from estimator.contact.source import inputs_digest, is_stream, open_source
 from estimator.contact.surroundings import AUTO, surroundings
 from estimator.diagnose import RecordingVerdict, RecordingWatch
 from estimator.diagnose.consequences import changed_row, with_unused
@@ -125,7 +125,7 @@ def _estimated(recording: BatchRecording, settings: BatchSettings, results: Resu
     def judged() -> RecordingVerdict:
         return with_unused(watch.verdict(), overview.unused, overview.frames)
 
-    tables = contact_tables(estimator, source, overview, watch, ground)
+    tables = source.tables(estimator, overview, watch, ground)
     return results.write(recording.name, tables, judged, summarized)
 
 

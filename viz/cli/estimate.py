@@ -172,7 +172,6 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
     import numpy as np
 
     from estimator.contact.drift import drift_in_words, summary
-    from estimator.contact.source import counted_tables
     from estimator.diagnose import RecordingVerdict, RecordingWatch
     from estimator.diagnose.consequences import changed_row, with_unused
     from estimator.table.contacts import ContactRow
@@ -198,13 +197,13 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
         nonlocal verdict
         counted = (None if at else part for part in parts for at in range(len(part[2])))
         whole = (part for part in progress(counted, "contacts", frames.count) if part is not None)
-        for table in counted_tables(whole, listed, overview, watch):
+        assert watch is not None
+        for table in watch.followed(whole, listed, overview):
             frame_of.extend(range(len(frame_of), overview.frames))
             models.update(table.model.tolist())
             std_m.extend(table.distance_std_m.tolist())
             yield table
-        if watch is not None:
-            verdict = with_unused(watch.verdict(), overview.unused, overview.frames)
+        verdict = with_unused(watch.verdict(), overview.unused, overview.frames)
 
     def rows() -> Iterator[ContactRow]:
         """The rows of every frame, each drawn into the overlay folder where one is asked for."""
@@ -290,7 +289,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
 @dataclass(frozen=True, eq=False)
 class _Recording:
     """Frames that are estimated on demand, their number if known, and notes; where clamps move, the antennas' names.
-    together : `source_together` of the `listed` frames."""
+    together : `estimate_together` of the `listed` frames."""
 
     items: Iterable[FrameContact]
     count: int | None
@@ -319,7 +318,7 @@ def _estimator(args: argparse.Namespace, rig: Rig, drift: Drift | None) -> Conta
 
 def _from_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator, _Recording]:
     """The recording of a session. Raises InputError."""
-    from estimator.contact.source import estimate_source, open_source, source_together
+    from estimator.contact.source import estimate_source, open_source
     from estimator.contact.surroundings import surroundings
 
     if args.readings is not None:
@@ -331,7 +330,7 @@ def _from_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator,
         _say_silent(source.frames, rig)
     ground, words = surroundings(estimator.rig, args.background, lambda: source.stills(rig, Path()))
     items, count = estimate_source(estimator, source, ground), len(source.frames)
-    together = partial(source_together, estimator, source)
+    together = partial(source.together, estimator)
     return estimator, _Recording(items, count, ground, words, listed=source.frames, together=together)
 
 

@@ -476,9 +476,9 @@ auto ideal_points(const Rig& rig, InCube pixels, InMatrix sigma_px, const Numpy<
     return std::make_tuple(points, covariance, usable);
 }
 
-auto places(InCube points_px) {
+auto places(InCube points_px, bool with_places) {
     check_last(points_px, 2, "points must be (B, N, 2)");
-    auto place = room<double>(points_px.shape(0), points_px.shape(1));
+    auto place = room<double>(with_places ? points_px.shape(0) : 0, points_px.shape(1));
     auto disordered = room<bool>(points_px.shape(0));
     double extent[2][2];
     {

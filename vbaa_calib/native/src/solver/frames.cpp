@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <memory>
 
 #include "lens.hpp"
@@ -24,6 +23,29 @@ void put_points(Frame& frame, int count, Row&& row_of) {
         for (int k = 0; k < 5; ++k) frame.points(k, i) = row[k];
     }
     frame.seen_by = count ? frame.clamp[0] / NODES : 0;
+}
+
+// The least and the most u and v of points (N, 2); NaN is neither.
+void extents(ConstMatrix points, double (&range)[2][2]) {
+    Lanes least = spread(INFINITE), most = spread(-INFINITE);
+    const double* numbers = points.begin();  // u and v in turn
+    int i = 0;
+    for (; i + LANES <= points.size(); i += LANES) {
+        const Lanes here = load(numbers + i);
+        least = choose(here < least, here, least);
+        most = choose(here > most, here, most);
+    }
+    for (; i < points.size(); ++i) {
+        least[i % LANES] = std::min<double>(least[i % LANES], numbers[i]);
+        most[i % LANES] = std::max<double>(most[i % LANES], numbers[i]);
+    }
+    for (int axis = 0; axis < 2; ++axis) {
+        range[axis][0] = INFINITE, range[axis][1] = -INFINITE;
+        for (int lane = axis; lane < LANES; lane += 2) {
+            range[axis][0] = std::min<double>(range[axis][0], least[lane]);
+            range[axis][1] = std::max<double>(range[axis][1], most[lane]);
+        }
+    }
 }
 
 // Leaves out the points that cannot be used; the last one is repeated to the rows' ends.
@@ -151,31 +173,26 @@ void ideal_points(const lens::Lens& lens, ConstMatrix pixels, ConstVector sigma_
 }
 
 void places(ConstCube points_px, Matrix place, View<bool, 1> disordered, double (&extent)[2][2]) {
-    constexpr double INFINITE = std::numeric_limits<double>::infinity();
     for (int axis = 0; axis < 2; ++axis) extent[axis][0] = INFINITE, extent[axis][1] = -INFINITE;
     for (int b = 0; b < points_px.shape[0]; ++b) {
-        double least[2], most[2];
-        std::fill_n(least, 2, INFINITE);
-        std::fill_n(most, 2, -INFINITE);
-        for (int n = 0; n < points_px.shape[1]; ++n) {
-            for (int axis = 0; axis < 2; ++axis) {
-                // NaN is neither
-                least[axis] = std::min(least[axis], points_px(b, n, axis));
-                most[axis] = std::max(most[axis], points_px(b, n, axis));
-            }
-        }
+        const ConstMatrix points = points_px.row(b);
+        const int count = points.shape[0];
+        double range[2][2];
+        extents(points, range);
         for (int axis = 0; axis < 2; ++axis) {
-            extent[axis][0] = std::min(extent[axis][0], least[axis]);
-            extent[axis][1] = std::max(extent[axis][1], most[axis]);
+            extent[axis][0] = std::min(extent[axis][0], range[axis][0]);
+            extent[axis][1] = std::max(extent[axis][1], range[axis][1]);
         }
-        const int longer = most[0] - least[0] >= most[1] - least[1] ? 0 : 1;
-        disordered[b] = false;
-        for (int n = 0; n < points_px.shape[1]; ++n) {
-            const double here = points_px(b, n, longer) + SLIGHTLY * points_px(b, n, 1 - longer);
-            place(b, n) = here;
+        const int longer = range[0][1] - range[0][0] >= range[1][1] - range[1][0] ? 0 : 1;
+        const auto place_of = [&](int n) { return points(n, longer) + SLIGHTLY * points(n, 1 - longer); };
+        for (int n = 0; place.size() && n < count; ++n) place(b, n) = place_of(n);
+        bool any = false;
+        for (int n = 1; n < count; ++n) {
+            const double here = place_of(n);
             // NaN before a number is out of order, those that fill up a row are not
-            if (n > 0 && here == here && !(here >= place(b, n - 1))) disordered[b] = true;
+            any |= here == here && !(here >= place_of(n - 1));
         }
+        disordered[b] = any;
     }
 }
 

@@ -53,8 +53,8 @@ using IdealColumns = std::array<lens::Column, 5>;
 void ideal_points(const lens::Lens& lens, ConstMatrix pixels, ConstVector sigma_px, const IdealColumns& to,
                   Vector usable);
 
-// Where points (B, N, 2) lie along the longer side of their frame's, (B, N), which frames (B,) are not in order, and
-// the least and the most of all u and v.
+// Where points (B, N, 2) lie along the longer side of their frame's, (B, N), unless that is empty; which frames (B,)
+// are not in order, and the least and the most of all u and v.
 void places(ConstCube points_px, Matrix place, View<bool, 1> disordered, double (&extent)[2][2]);
 
 }  // namespace vbaa::solver
