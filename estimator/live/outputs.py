@@ -9,7 +9,7 @@ import pickle
 import socket
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from itertools import count
@@ -41,12 +41,15 @@ class GrowingTable:
     Parquet cannot be read while it grows: a .parquet is written when it is closed, and grows as a .csv until then.
     """
 
-    def __init__(self, path: Path, force: bool = False, *, final: bool = True) -> None:
-        """final : whether there will be final rows. Raises InputError for an existing file, or another format."""
+    def __init__(
+        self, path: Path, force: bool = False, inputs: Iterable[Path | None] = (), *, final: bool = True
+    ) -> None:
+        """inputs : what it may not grow onto, either. final : whether there will be final rows. Raises InputError for
+        an existing file, one of the inputs, or another format."""
         check_format(path)
         self._path, self._grown, self._final = path, path.with_suffix(".csv"), final
         for each in {self._path, self._grown}:
-            refuse_overwrite(each, force)
+            refuse_overwrite(each, force, inputs)
         make_folder(path.parent)
         self._stream = _opened(self._grown)
         self._kept = tempfile.TemporaryFile(dir=path.parent)  # noqa: SIM115 -- it lives as long as this
@@ -143,7 +146,7 @@ class ContactBag:
     a ROS bag, by the suffix."""
 
     def __init__(self, path: Path) -> None:
-        """The file is new: `refuse_bag` has seen to that."""
+        """path : of a new file, as `refuse_bag` has made sure."""
         self._path = path
         make_folder(path.parent)
         with disk_errors_named(path):

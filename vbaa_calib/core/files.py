@@ -298,11 +298,17 @@ def refuse_overwrite(path: Path, force: bool, inputs: Iterable[Path | None] = ()
             raise InputError("is a folder", where=path, remedy="name a file inside it")
         if not stat.S_ISREG(mode):
             raise InputError("is not a regular file", where=path, remedy="take another name")
-        if any(path.samefile(each) for each in inputs if each is not None and Path(each).exists()):
-            raise InputError("is an input of this command", where=path, remedy="take another name")
+        refuse_input(path, inputs)
     if (mode is not None or path.is_symlink()) and not force:
         raise InputError("exists already", where=path, remedy="give --force to replace it, or another name")
     refuse_folder_of(path)
+
+
+def refuse_input(path: Path, inputs: Iterable[Path | None]) -> None:
+    """Raises InputError when an output would be one of the command's own inputs, by whatever name."""
+    known = [each for each in inputs if each is not None and os.path.exists(each)]
+    if os.path.exists(path) and any(os.path.samefile(path, each) for each in known):
+        raise InputError("is an input of this command", where=path, remedy="take another name")
 
 
 def refuse_outputs(paths: Iterable[Path | None], force: bool, inputs: Iterable[Path | None] = ()) -> None:

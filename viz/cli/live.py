@@ -12,7 +12,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from vbaa_calib.cli.options import usable_rig
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import read_bytes
+from vbaa_calib.core.files import read_bytes, refuse_input
 
 from . import streams
 from .estimate import add_estimator_options
@@ -182,10 +182,8 @@ def _sinks(args: argparse.Namespace, stack: ExitStack) -> list[_Sink]:
     from vbaa_calib.streams.bag_of_session import refuse_bag
 
     inputs = (args.rig, args.readings, args.background, args.udp_key, Path(args.source))
-    for output in (args.output, args.bag):
-        if output is not None and any(each and _same(output, each) for each in inputs):
-            raise InputError("is an input of this command", where=output, remedy="take another name")
     if args.bag is not None:
+        refuse_input(args.bag, inputs)
         refuse_bag(args.bag, args.force)
     if args.rerun is not None:
         from viz.files.rerun_log import RerunLog, refuse_log
@@ -193,7 +191,7 @@ def _sinks(args: argparse.Namespace, stack: ExitStack) -> list[_Sink]:
         refuse_log(args.rerun, args.force)
     sinks: list[_Sink] = []
     if args.output is not None:
-        sinks.append(GrowingTable(args.output, args.force, final=not args.no_final))
+        sinks.append(GrowingTable(args.output, args.force, inputs, final=not args.no_final))
     if args.bag is not None:
         sinks.append(ContactBag(args.bag))
     if args.udp_out is not None:
@@ -203,12 +201,6 @@ def _sinks(args: argparse.Namespace, stack: ExitStack) -> list[_Sink]:
     for sink in sinks:
         stack.callback(sink.close)
     return sinks
-
-
-def _same(one: Path, other: Path) -> bool:
-    with suppress(OSError, ValueError):
-        return one.samefile(other)
-    return False
 
 
 def _follow(source: MessageSource, live: LiveEstimator, sinks: list[_Sink], monitor: _Monitor, lines: bool) -> None:

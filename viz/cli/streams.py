@@ -116,9 +116,6 @@ ESTIMATE = "estimate"
 
 def options_of(args: argparse.Namespace) -> dict[str, Any]:
     """Topics and timing of reading bags and videos. Raises InputError as `timing_of` and `_topics_of`."""
-    if args.clock_offset == ESTIMATE and args.no_moment:
-        remedy = "leave out --no-moment, or state the offset"
-        raise InputError("--clock-offset estimate needs the moment", where="--no-moment", remedy=remedy)
     return {"topics": _topics_of(args), "timing": timing_of(args)}
 
 
@@ -126,10 +123,13 @@ def timing_of(args: argparse.Namespace, rig: Rig | None = None) -> Timing:
     """How readings and pictures are matched, with this rig's sensor; the clocks' offset is 0 where it is to be
     estimated.
 
-    Raises InputError for times and angles that cannot be.
+    Raises InputError for times and angles that cannot be, and for an offset that nothing is left to tell of.
     """
     from vbaa_calib.streams import Timing
 
+    if args.clock_offset == ESTIMATE and args.no_moment:
+        remedy = "leave out --no-moment, or state the offset"
+        raise InputError("--clock-offset estimate needs the moment", where="--no-moment", remedy=remedy)
     try:
         offset_s = 0.0 if args.clock_offset == ESTIMATE else float(args.clock_offset)
     except ValueError:
@@ -170,9 +170,6 @@ def clocked(
             say(f"{name}'s clock: {found.offset_s:+.4f} s (± {1e3 * found.std_s:.1f} ms) are added to its times")
     if args.clock_offset != ESTIMATE:
         return timing
-    if args.no_moment:
-        remedy = "leave out --no-moment, or state the offset"
-        raise InputError("--clock-offset estimate needs the moment", where="--no-moment", remedy=remedy)
     found = recorded_clock_offset(estimator, lambda: recorded(args, path, estimator.rig, timing), timing, ground)
     say(
         f"the readings' clock: {found.offset_s:+.4f} s (± {1e3 * found.std_s:.1f} ms) are added to their times, by "

@@ -52,8 +52,8 @@ class RigItems:
 
 
 def rig_items(rig: Rig, table: ContactTable, rows: np.ndarray, main: int) -> RigItems:
-    """The rig at the instants of these rows (M,), and the mask of those drawn as ghosts: some spread over the
-    located contacts, without `main`.
+    """The rig at the instants of these rows (M,); ghosts are some of the located contacts, evenly spread, without
+    the row `main`.
 
     Raises InputError when the contacts are not of this rig.
     """

@@ -247,7 +247,7 @@ def _vbaa_2d_pushing(press: Press) -> Answer:
 
 
 def _two_points(press: Press, frame: int) -> np.ndarray | None:
-    """(2, 2) the points of a frame nearest to `_SHARES` of the length; None without two of them."""
+    """(2, 2) the points of a frame nearest to `_PressSettings.shares` of the length; None without two of them."""
     points = np.asarray(press.points_m)[frame]
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) < 2:
