@@ -107,6 +107,7 @@ class RigWatch:
         return replace(found, verdict=verdict), camera, time.monotonic() - begin_s
 
     def _news(self, found: RecordingVerdict, camera: str) -> list[Diagnosis]:
+        """The cause to report: sure, of one part of the rig several times in a row, and not reported yet; else none."""
         sure = found.log_odds >= WatchSettings.least_log_odds
         # the part that each change is of: that something of the camera has changed shows before which of its parameters
         parts = {

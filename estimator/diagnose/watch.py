@@ -225,6 +225,7 @@ class RecordingWatch:
         return len(self._first) < first or not (row - first) % self._stride
 
     def _keep(self, measured: Measured, row: int, around: np.ndarray) -> None:
+        """Keep a frame: the first ones, then evenly spread ones, of which every other one is given up."""
         frame = row, measured, around
         if len(self._first) < RecordingSettings.first:
             self._first.append(frame)
@@ -234,6 +235,7 @@ class RecordingWatch:
                 self._spread, self._stride = self._spread[::2], 2 * self._stride
 
     def _count_limits(self, moment_Nm: float, row: int) -> None:
+        """Note the smallest and the largest moment so far, and the rows that have exactly these."""
         low, high = self._limits
         self._limits = min(low, moment_Nm), max(high, moment_Nm)
         if self._limits != (low, high):

@@ -188,6 +188,7 @@ class LiveEstimator:
             yield from map(self._finally, self._later.push(seen.measured, each.taken.waiting > 0))
 
     def _finally(self, contact: Any) -> LiveContact:
+        """The final contact of the frame that has waited longest."""
         each, seen = self._frames.popleft()
         item = frame_contact(each.frame, seen, contact)
         row, self._finals = self._row(item, self._finals), self._finals + 1

@@ -214,6 +214,7 @@ class RecordingProblem:
     def _of_chunk(
         self, arrays: RigArrays, split: np.ndarray, state: State, rows: slice, trust: np.ndarray | None
     ) -> Equations:
+        """The equations of some rows; the arguments as those of `equations`."""
         unknowns, batch, prior = state.unknowns[rows], self.touching.picked(rows), self.friction.picked(rows)
         own, shared = slice(0, UNKNOWNS + self.lines), slice(UNKNOWNS + self.lines, None)
         found = linearised(batch.frames(arrays), REFERENCE, unknowns)

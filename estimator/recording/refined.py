@@ -186,6 +186,7 @@ def _with_coulomb(
 
 
 def _check_frames(contacts: ContactTable, recording: Sequence[Measured]) -> None:
+    """Raises InputError where the frames are not those that the contacts were made of."""
     if len(recording) != len(contacts):
         raise InputError(
             f"{len(contacts)} contacts, but {len(recording)} frames", remedy="give the recording that they were made of"
@@ -203,6 +204,7 @@ def _check_frames(contacts: ContactTable, recording: Sequence[Measured]) -> None
 
 
 def _check(contacts: ContactTable, rig: Rig) -> None:
+    """Raises InputError where the contacts are not of this rig, or none has a point."""
     joint_angles(rig.kinematics, contacts)
     if not contacts.located.any():
         raise InputError("no frame has a contact point", remedy="estimate a recording in which the antenna touches")

@@ -225,6 +225,7 @@ def sample_shape(shape: RodShape, arclength_m: np.ndarray) -> tuple[np.ndarray, 
 
 
 def _checked(rod: Rod, gravity: np.ndarray, contact: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, ...]:
+    """The loads as arrays. Raises InputError for other shapes, and for numbers that are not finite."""
     gravity, contact, force = (np.asarray(a, float) for a in (gravity, contact, force))
     count = contact.size
     if contact.shape != (count,) or gravity.shape != (count, 3) or force.shape != (count, 3):

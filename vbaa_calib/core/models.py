@@ -158,6 +158,8 @@ _UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
 
 
 def _first(error: ValidationError) -> ErrorDetails:
+    """The error that explains the others best."""
+
     def importance(one: ErrorDetails) -> tuple[int, bool, bool]:
         # a key that nobody knows explains the one that is missing, and so does another type of thing; else as declared
         return len(one["loc"]), one["type"] not in _UNKNOWN, one["type"] != "literal_error"
@@ -223,6 +225,7 @@ def _at(whole: Mapping[str, Any], part: Mapping[str, Any], loc: tuple[int | str,
 
 
 def _wanted(error: ErrorDetails, part: Mapping[str, Any]) -> str:
+    """What the model wants in place of the wrong value, in words."""
     kind, context = error["type"], error.get("ctx", {})
     if kind.startswith(("greater_than", "less_than")):
         keys = {"minimum": "ge", "exclusiveMinimum": "gt", "maximum": "le", "exclusiveMaximum": "lt"}

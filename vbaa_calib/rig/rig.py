@@ -386,6 +386,7 @@ class Rig:
         return replace(drifted, wrench_sensor=replace(sensor, covariance=own))
 
     def _drift_covariance(self, drift: Drift) -> np.ndarray:
+        """Covariance of the rig's own parameters by what may have changed since the calibration."""
         lens, first, pose = self.camera.parameter_names, len(RIG_PARAMETERS), len(POSE_PARAMETERS)
         std, scale = np.zeros((2, first + len(lens)))
         std[:3], std[3:pose] = drift.camera_turn_rad, drift.camera_shift_m

@@ -154,6 +154,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _where(args: argparse.Namespace, count: int) -> Where:
+    """The workers that the options ask for, here or on a cluster. Raises InputError where they contradict."""
     from viz.batch.cluster import Where
 
     elsewhere = args.scheduler is not None or args.scheduler_file is not None
@@ -200,6 +201,7 @@ def _check_memory(size: str) -> None:
 
 
 def _described(client: Any, where: Where) -> str:
+    """The workers in words: how many there are, how large, and where one can watch them."""
     from importlib.util import find_spec
 
     workers = client.scheduler_info(n_workers=-1)["workers"].values()

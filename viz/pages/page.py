@@ -108,6 +108,7 @@ def _cell(value: Any, decimals: int | None = None) -> str:
 
 
 def _flat(data: Mapping[str, Any], before: str = "", depth: int = 0) -> Iterator[list[str]]:
+    """Rows of a table of nested data; lists of lists, and what is deeper than three levels, are left out."""
     for key, value in data.items():
         name = f"{before}{key}"
         items = value if isinstance(value, list) else [value]

@@ -122,6 +122,7 @@ class _Controls:
         self.plotter.screenshot(str(next(name for name in names if not name.exists())))
 
     def _numbers(self) -> str:
+        """The words about the chosen contact and, if two are marked, the way between them."""
         contacts = self.stage.scene.contacts
         if self.contact is None:
             return ""
@@ -137,6 +138,7 @@ class _Controls:
         return f"{words}\n{1e3 * length:.2f}{spread} mm from {contacts.words[self.measured_from].partition(',')[0]}"
 
     def _mark(self) -> None:
+        """Draw the marks of the chosen contacts, and the line between two."""
         scene = self.stage.scene
         chosen = [index for index in (self.measured_from, self.contact) if index is not None]
         points = scene.contacts.points_m[chosen]

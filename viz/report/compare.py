@@ -81,6 +81,7 @@ class ComparedContacts:
 
 
 def _spread(deviations: np.ndarray, differences: np.ndarray, frames: np.ndarray) -> dict[str, Any] | None:
+    """Rms of the deviations (N,), the largest, its difference and its frame; None without any."""
     if not len(deviations):
         return None
     size = np.abs(deviations)
