@@ -225,7 +225,7 @@ class RecordingWatch:
         return len(self._first) < first or not (row - first) % self._stride
 
     def _keep(self, measured: Measured, row: int, around: np.ndarray) -> None:
-        """Keep a frame: the first ones, then evenly spread ones, of which every other one is given up."""
+        """Keep a frame: the first ones, then every n-th, with n doubled whenever these are too many."""
         frame = row, measured, around
         if len(self._first) < RecordingSettings.first:
             self._first.append(frame)

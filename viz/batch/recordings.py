@@ -48,7 +48,7 @@ def recordings_of(named: Sequence[str], rig: Path | None) -> list[BatchRecording
 
 
 def _listed(table: Path, rig: Path | None) -> list[tuple[str, Path, Path | None]]:
-    """Name ("" where none is given), recording and rig of each row of a table."""
+    """Name ("" without one), recording and rig of each row of a table."""
     rows = list(islice(csv_rows(table, ("recording",), ("rig", "name")), _MOST + 1))
     if len(rows) > _MOST:
         raise InputError(f"lists more than {_MOST} recordings", where=table, remedy="make several batches of them")
