@@ -65,7 +65,7 @@ class Recorded:
 
     @property
     def log_density_of_none(self) -> float:
-        """Log density of a moment that no mistake explains, evenly over the readings' range, relative to one that fits."""
+        """Log density of a moment that may lie anywhere in the range of the readings, relative to one that fits."""
         read, std = self.batch.readings_Nm[:, 0], self.rig.moment_sensor.std_Nm
         there = read[np.isfinite(read)]
         if not len(there):
