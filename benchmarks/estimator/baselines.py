@@ -9,7 +9,6 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 
 from benchmarks.estimator.scenes import Scenes
-from estimator.paper.two_point import straight_line_contact
 from vbaa_calib.antenna.rungs import curves
 
 Bent = Callable[[float, np.ndarray], np.ndarray]
@@ -60,8 +59,25 @@ def _start(scenes: Scenes, index: int, reading_Nm: float) -> np.ndarray:
     """The straight line's contact and f_y, and the moment's f_z, in the unknowns' scales."""
     antenna = scenes.rig.antenna
     x, y = np.moveaxis(scenes.rig.camera_on_plane().project(scenes.points_px[index])[0], -1, 0)
-    contact, force = map(float, straight_line_contact(x, y, _START * antenna.length_m, antenna.stiffness_Nm2))
+    contact, force = _straight_line(x, y, _START * antenna.length_m, antenna.stiffness_Nm2)
     if not 0.0 < contact < antenna.length_m:
         contact = _START * antenna.length_m
         force = 3.0 * antenna.stiffness_Nm2 * float(np.nanmax(np.abs(y))) / contact**3
     return np.array([contact / _DISTANCE_SCALE_M, force / _FORCE_SCALE_N, reading_Nm / contact / _FORCE_SCALE_N])
+
+
+def _straight_line(x_m: np.ndarray, y_m: np.ndarray, guess_m: float, stiffness_Nm2: float) -> tuple[float, float]:
+    """Contact distance l and f_y by points (N,) on plane C, upright camera; NaN where there is no l > 0.
+
+    The first of three lines goes through the points beyond `guess_m`, each further one beyond the l before.
+    """
+    contact, slope = guess_m, np.nan
+    for _ in range(3):
+        beyond = (x_m >= contact) & np.isfinite(y_m)
+        if beyond.sum() < 2:
+            return np.nan, np.nan
+        slope, level = np.polyfit(x_m[beyond], y_m[beyond], 1)
+        contact = -3.0 * float(level) / float(slope) if slope else np.inf
+        if not 0.0 < contact < np.inf:
+            return np.nan, np.nan
+    return contact, 2.0 * stiffness_Nm2 * float(slope) / contact**2

@@ -198,25 +198,3 @@ def _mixed_root(spread: Array, known: Array) -> Array:
         residual = root**2 * (3.0 - root) - known * (3.0 * root - spread)
         root = root - residual / (3.0 * (root * (2.0 - root) - known))
     return xp.minimum(xp.maximum(root, spread), xp.ones_like(root))
-
-
-def straight_line_contact(x_m: Any, y_m: Any, guess_m: Any, stiffness_Nm2: Any) -> tuple[Array, Array]:
-    """Contact distance and f_y (...) of points (..., N) on plane C, upright camera; NumPy or torch. NaN is left out.
-
-    The first of three lines goes through the points beyond `guess_m` (...), each further one through those beyond the l
-    before; NaN where fewer than two points or no 0 < l are left.
-    """
-    x, y, contact, stiffness = floats(x_m, y_m, guess_m, stiffness_Nm2)
-    xp = namespace(x)
-    finite = (x == x) & (y == y)
-    x, y = xp.where(finite, x, 0.0), xp.where(finite, y, 0.0)
-    with np.errstate(all="ignore"):
-        for _ in range(3):
-            weight = like(x, finite & (x >= contact[..., None]))
-            count = weight.sum(-1)
-            mean_x, mean_y = (weight * x).sum(-1) / count, (weight * y).sum(-1) / count
-            centred = weight * (x - mean_x[..., None])
-            slope = (centred * y).sum(-1) / (centred * x).sum(-1)
-            contact = 3.0 * (mean_x - mean_y / slope)
-            contact = xp.where((count >= 2.0) & (contact > 0.0) & (contact < np.inf), contact, np.nan)
-        return contact, 2.0 * stiffness * slope / contact**2

@@ -135,7 +135,7 @@ class Held(Rows):
         return Held(*(np.full(count if each.name in short else (count, 3), np.nan) for each in fields(Held)))
 
 
-def tangent_axes(normal: np.ndarray) -> np.ndarray:
+def _tangent_axes(normal: np.ndarray) -> np.ndarray:
     """(B, 2, 3) two orthogonal unit vectors across each normal."""
     least = np.eye(3)[np.argmin(np.abs(normal), axis=1)]
     first = np.cross(normal, least)
@@ -151,7 +151,7 @@ def advance(setting: Setting, bases: Bases, before: Held, start: Held, friction:
     force_unit, radius = setting.rod.bending_stiffness_Nm2 / setting.rod.length_m**2, setting.antenna_radius_m
     touching = radius, 1.0 / setting.object.stiffness_N_m, force_unit, friction, STROKE.tolerance
     gravity = np.broadcast_to(setting.gravity_world_m_s2, (len(before.normal), 1, 3))
-    frames = np.concatenate([bases.rotation, bases.origin_m[:, None], gravity, tangent_axes(start.normal)], axis=1)
+    frames = np.concatenate([bases.rotation, bases.origin_m[:, None], gravity, _tangent_axes(start.normal)], axis=1)
     ends = np.stack([before.packed, start.packed], axis=1)
     held, good = core.simulate.advance(setting.rod.numbers, setting.object.numbers, touching, frames, ends)
     return Held.of(held), good.view(bool)
