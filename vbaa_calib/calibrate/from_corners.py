@@ -58,7 +58,7 @@ def _view(index: int, one: Any, size: tuple[int, int], points: np.ndarray) -> Bo
     except (TypeError, ValueError):
         raise InputError("it is no pair", where=where, remedy="give (ids (N,), pixels (N, 2))") from None
     ids, pixels = _numbers(ids, "ids", where), _numbers(pixels, "pixels", where)
-    # a view without corners is dropped later, and said to be
+    # a view without corners is dropped later, with the reason
     pixels = pixels.reshape(-1, 2) if not pixels.size else pixels
     require_corners(ids, pixels, len(points), where)
     if (np.abs(pixels) > LensSettings.furthest_px).any():

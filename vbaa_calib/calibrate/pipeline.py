@@ -184,7 +184,7 @@ def _mistakes(
     mistakes = still_diagnoses(session, plane.kinematics, joint)
     # the antenna's length is one of the table's hypotheses, and what nothing explained may be the camera's
     rest = [one for one in mistakes if one.name not in ("antenna_length", "stills_contradict", "load_row_unexplained")]
-    # where the pictures fit no antenna, what is said of loads and clamp is what a wrong plane C makes of them
+    # where the pictures fit no antenna, diagnoses of loads and clamp may be due to a wrong plane C
     unexplained = any(one.name == "stills_contradict" for one in mistakes)
     if not contradicted or (any(one.grave for one in rest) and not unexplained):
         return mistakes

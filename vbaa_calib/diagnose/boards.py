@@ -36,7 +36,7 @@ class _BoardSettings:
     same_shape: float = 0.01  # relative difference of width and height up to which a picture is scaled, not cropped
     moved_squares: float = 0.5  # a board that moved by fewer of its squares is in the same place
     reshaped: float = 0.006  # change of its outline, rms per extent, below which it is tilted as before, to about 6°
-    fewest_views: int = 5  # of which it is said that poses repeat or tilts are missing
+    fewest_views: int = 5  # that are diagnosed for repeated poses and missing tilts
     tilted_deg: float = 15.0  # spread of the board's directions that counts as tilted
     least_hull: float = 0.5  # part of the picture within the hull of all corners
     repeated: float = 0.5  # part of the views that may repeat a pose

@@ -165,7 +165,7 @@ class Capture:
             self.detector.rearm()
         elif picture.name not in self.taken_before:
             if check.refusal and not by_hand:
-                # said once, with the slow search for more reasons; not remembered, for others like it follow
+                # reported once, with the slow search for more reasons; not stored, for others like it follow
                 why = frozenset(hint.name for hint in check.hints if hint.grave)
                 if why != self.refused_for:
                     self.refused_for = why

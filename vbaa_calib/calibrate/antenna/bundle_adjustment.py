@@ -279,7 +279,7 @@ def adjust_bundle(
         except LensLost:
             continue
         except SolveError as error:
-            # with a lens that all but stays, before it counts as the stills' fault
+            # before the static frames count as the cause, once more with a lens that all but stays
             shares, failure = shares[-1:], error
             continue
         if found.camera.valid_region().image_fraction >= sees - AntennaSettings.sees_less:
@@ -328,7 +328,7 @@ def _in_passes(problem: Problem, judged: bool = True) -> tuple[Problem, Linearis
             evaluated = problem.evaluate(parameters)
             continue
         fits, rms = _fitting(problem, solution, evaluated.points, kept)
-        # stills on the border must not come and go for ever; the last pass leaves none out
+        # frames near the limit must not come and go for ever; the last pass leaves none out
         fits = kept if turn == AntennaSettings.passes else fits & kept if turn > AntennaSettings.passes // 2 else fits
         if judged and change < AntennaSettings.exact_from and (fits == kept).all():
             p = disagreement_p(*_frame_disagreements(problem, solution, evaluated.points))

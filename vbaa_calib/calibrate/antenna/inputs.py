@@ -42,7 +42,7 @@ class ReadingGroups:
     one."""
 
     std: np.ndarray  # (K,) m of a place, relative of a weight
-    distance: np.ndarray  # (F,) which of the K a still's place is; −1 for none
+    distance: np.ndarray  # (F,) index of the load's place among the K; −1 for none
     force: np.ndarray  # (F,) the same of its weight
 
     @property
@@ -108,7 +108,7 @@ class Observation:
     height: float = 0.0  # of its line above the background, grey levels
     tip_px: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))  # (2,) the antenna's end; NaN where not seen
     tip_std_px: float = np.nan  # its deviation along the antenna
-    # whether neighbouring points share most of their errors, as other stills do: no shape that follows them shows these
+    # whether neighbouring points share most of their errors, also with other frames: their scatter hides these
     shared: bool = False
     look: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))  # (PLACES, C) mean colour from clamp to tip
     row_px: np.ndarray = field(default_factory=lambda: np.zeros(1))  # (N,) or (1,) as `Centreline.row_px`

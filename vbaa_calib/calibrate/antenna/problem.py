@@ -55,7 +55,9 @@ ANTENNA = slice(6, 6 + len(PARAMETERS))  # the antenna's parameters,
 LOG_STIFFNESS = ANTENNA.start + 6  # among them that of EI,
 GAIN = ANTENNA.stop  # the moment sensor's gain
 OFFSET = GAIN + 1  # and offset
-_BENT = 1 + len(PARAMETERS)  # curves in each still: the antenna, and one a step further along each of its parameters
+_BENT = 1 + len(
+    PARAMETERS
+)  # curves of each static frame: the antenna, and one a step further along each of its parameters
 RIG = len(RIG_PARAMETERS)  # how many these are
 
 

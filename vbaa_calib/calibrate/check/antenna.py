@@ -33,7 +33,7 @@ _NUMBERS = {
     "sensor_offset": ("offset {} mN·m against the rig", 1e3, 1e3, "mN·m"),
     "sensor_gain": ("gain {} against the rig", 1.0, 100.0, "% of the reading"),
 }
-"""What is said of a change, the factor of the number in it, and factor and unit of its size."""
+"""Words on a change, the factor of the number in them, and factor and unit of its size."""
 
 
 @dataclass(frozen=True, eq=False)

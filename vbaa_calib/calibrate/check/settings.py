@@ -29,7 +29,7 @@ class CheckSettings:
     outlying_point: float = 5.0  # deviations from it
     free_floor_mm: float = 0.1  # floor of the free antenna's movement
     number_floor_percent: float = 0.5  # floor of EI and of the gain
-    wrong_row: float = 5.0  # deviations of a load's row that is looked at
+    wrong_row: float = 5.0  # deviations of a load's row that counts as wrong
     unseen_mm: float = 2.0  # deviation of the tip in a direction that the pictures do not show
 
     # the rig by itself

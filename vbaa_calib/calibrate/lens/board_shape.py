@@ -51,7 +51,7 @@ class BoardShape:
         """The shape solved with a lens, from its parameters (5,) and the joint covariance (4 + k + 5, 4 + k + 5) of
         lens and shape."""
         lens, std = covariance[:-SHAPE, :-SHAPE], np.sqrt(np.diag(covariance)[:-SHAPE])
-        # coefficients that are held have no variance, and square pixels one focal length
+        # coefficients that are fixed have no variance, and square pixels one focal length
         scale = np.where(std > 0.0, std, 1.0)
         inverse = np.linalg.pinv(lens / np.outer(scale, scale), 1e-10)
         by_lens = covariance[-SHAPE:, :-SHAPE] / scale @ inverse / scale

@@ -108,7 +108,7 @@ def _poles(model: DistortionModel, intrinsics: np.ndarray) -> np.ndarray:
 def is_monotonic(model: DistortionModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> bool:
     """Whether the distortion is monotonic over the picture: every pixel has one ray (`Camera.valid_region`) and none
     lies near a pole. A lens that folds can fit its corners well, but beyond them maps two directions to one pixel."""
-    # A pole with a zero beside it is narrower than any sampling of the curve, and which comes first often depends on
+    # A pole with a zero next to it is narrower than any sampling of the curve, and which comes first often depends on
     # the last digits of the corners: one counts that lies before the curve has, all but, left the picture.
     if not np.isfinite(intrinsics).all():
         return False

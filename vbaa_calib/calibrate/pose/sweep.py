@@ -22,11 +22,11 @@ Not observable:
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from scipy.linalg import block_diag
 from scipy.optimize import minimize_scalar
@@ -34,7 +34,7 @@ from scipy.optimize import minimize_scalar
 from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.lens.models import projected
 from vbaa_calib.calibrate.lens.outliers import DroppedView, usable_views
-from vbaa_calib.calibrate.pose.board_pose import mirrored, require_size
+from vbaa_calib.calibrate.pose.board_pose import mirrored, require_size, start_poses
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.calibrate.pose.hand_eye import robot_world
 from vbaa_calib.calibrate.pose.settings import PoseSettings
@@ -136,17 +136,15 @@ def _turned_over(state: _SweepState, problem: _SweepProblem) -> _SweepState:
 
 
 def _board_poses(problem: _SweepProblem) -> tuple[list[Pose], np.ndarray]:
-    """T_camera_board by homography for each picture, and the mask of pictures that determine one."""
+    """T_camera_board in closed form of the pictures that determine one, and their indices."""
     ideal, valid = problem.camera.unproject_normalized(problem.pixels)
     poses, which = [], []
     for index in range(problem.pictures):
         mine = valid & (problem.picture == index)
-        if mine.sum() < 4 or not fixes_homography(problem.points_m[mine, :2]):
-            continue
-        done, rotvec, translation = cv2.solvePnP(problem.points_m[mine], ideal[mine], np.eye(3), None)
-        if done and np.isfinite(rotvec).all() and np.isfinite(translation).all() and translation[2, 0] > 0.0:
-            poses.append(Pose.from_rotvec(rotvec.ravel(), translation))
-            which.append(index)
+        if mine.sum() >= 4 and fixes_homography(problem.points_m[mine, :2]):
+            with suppress(SolveError):
+                poses.append(start_poses(problem.points_m[mine], ideal[mine])[0])
+                which.append(index)
     return poses, np.array(which, int)
 
 
