@@ -91,14 +91,12 @@ def prior_of_session(session: Session, lens: LensSolution, plane: PlaneC) -> Pri
 _Solved = TypeVar("_Solved")
 
 
-def next_lenses(
-    lens: LensSolution, views: Sequence[BoardView], board: Board, worst_px: float = 3.0
-) -> Iterator[LensSolution]:
+def next_lenses(lens: LensSolution, views: Sequence[BoardView], board: Board) -> Iterator[LensSolution]:
     """Solutions with the other compared lens models in order of expected error, each solved on demand. Models that
-    fold, or with an expected error above `worst_px`, are left out."""
+    fold, or with an expected error above 3 px, are left out."""
     errors_px = {one.model: one.expected_error_px or np.inf for one in lens.comparison if one.monotonic}
     for model in sorted(errors_px, key=errors_px.__getitem__):
-        if model == lens.model or errors_px[model] > worst_px:
+        if model == lens.model or errors_px[model] > 3.0:
             continue
         try:
             again = solve_lens(views, board, model)

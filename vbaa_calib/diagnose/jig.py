@@ -20,7 +20,7 @@ from vbaa_calib.calibrate.antenna.inputs import Observation
 from vbaa_calib.calibrate.antenna.problem import POSE, Problem
 from vbaa_calib.calibrate.antenna.session_rig import ExpectedAntenna, nominal_parameters, prior
 from vbaa_calib.calibrate.pose.board_pose import BoardPose, jig_estimate
-from vbaa_calib.calibrate.pose.fusion import Difference, PoseEstimate
+from vbaa_calib.calibrate.pose.fusion import PoseEstimate, differences
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.arrays import spread_evenly
 from vbaa_calib.core.errors import Diagnosis, InputError, Severity, SolveError
@@ -146,7 +146,7 @@ class JigEvidence:
         pose, session = self.estimate(case).T_antenna_camera, self.session
         frames = list(self.free[: _JigSettings.free_frames])
         pulls = gravity_antenna(session.kinematics, session.gravity_world_m_s2, frames)
-        if not frames or not self._in_picture(pose, pulls[0]):
+        if not frames or self._predicted(pose, pulls[0])[1].mean() < _JigSettings.least_inside:
             return []
         images = [_flipped(read_picture(frame.image), case.flips) for frame in frames if frame.image is not None]
         nominal = nominal_parameters(session.antenna)
@@ -158,13 +158,13 @@ class JigEvidence:
             return []
         return self._flipped(seen, case.flips)
 
-    def _in_picture(self, T_antenna_camera: Pose, gravity_m_s2: np.ndarray) -> bool:
-        """Whether most of the free antenna is in view from a camera pose."""
+    def _predicted(self, T_antenna_camera: Pose, gravity_m_s2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pixels (N, 2) of the nominal free antenna from a camera pose that the lens sees, and the mask (M,) of the
+        antenna's points in the picture."""
         antenna = self.session.antenna
         points = free_curve(nominal_parameters(antenna), antenna.length_m, gravity_m_s2, antenna.taper).points_m[0]
         pixels, seen = self.camera.project(T_antenna_camera.inverse() @ points)
-        inside = seen & self.camera.in_picture(np.nan_to_num(pixels, nan=-1.0))
-        return bool(inside.mean() >= _JigSettings.least_inside)
+        return pixels[seen], seen & self.camera.in_picture(np.nan_to_num(pixels, nan=-1.0))
 
     def _flipped(self, lines: Iterable[Observation], flips: tuple[bool, bool]) -> list[Observation]:
         """The lines in the coordinates of mirrored pictures."""
@@ -223,14 +223,10 @@ class JigEvidence:
     def _by_ways(self, case: _JigMistake) -> float:
         """Log evidence without pictures of the free antenna: by the other ways to plane C alone."""
         one, total = self.estimate(case), 0.0
+        lens = np.zeros((0, 0)) if self.camera.covariance is None else self.camera.covariance
         for other in self.by_others(case):
-            covariance = one.covariance + other.covariance
-            if self.camera.covariance is not None:
-                by_lens = other.lens_sensitivity - one.lens_sensitivity
-                covariance = covariance + by_lens @ self.camera.covariance @ by_lens.T
-            step = other.T_antenna_camera.tangent_from(one.T_antenna_camera)
-            square = Difference((one.way, other.way), step, covariance).statistic
-            total -= 0.5 * (square + float(np.linalg.slogdet(covariance)[1]))
+            (apart,) = differences([one, other], lens)
+            total -= 0.5 * (apart.statistic + float(np.linalg.slogdet(apart.covariance)[1]))
         return max(total, -_JigSettings.lost)
 
     def fits(self, lines: Sequence[Observation], scale: float) -> bool:
@@ -372,15 +368,11 @@ class JigEvidence:
 
     def _off(self, lines: Sequence[Observation]) -> str:
         """Distance, in words, of the free antenna from its place if everything were as reported."""
-        pose, antenna = self.estimate(self.reported).T_antenna_camera, self.session.antenna
-        free = free_curve(nominal_parameters(antenna), antenna.length_m, lines[0].gravity_m_s2, antenna.taper).points_m[
-            0
-        ]
-        pixels, seen = self.camera.project(pose.inverse() @ free)
-        if not (seen & self.camera.in_picture(np.nan_to_num(pixels, nan=-1.0))).any():
+        pixels, inside = self._predicted(self.estimate(self.reported).T_antenna_camera, lines[0].gravity_m_s2)
+        if not inside.any():
             return "the antenna would be outside the picture"
-        apart = np.linalg.norm(lines[0].points_px[:, None] - pixels[seen][None], axis=2).min(axis=1)
-        return f"the antenna would lie {float(np.median(apart)):.0f} px beside where the pictures show it"
+        apart = np.linalg.norm(lines[0].points_px[:, None] - pixels[None], axis=2).min(axis=1)
+        return f"the antenna would lie {float(np.median(apart)):.0f} px off where the pictures show it"
 
 
 def _some(lines: Sequence[Observation], count: int, loaded: bool) -> list[Observation]:

@@ -15,7 +15,9 @@ from targets.board import AprilGrid, BoardWithIds, corner_points
 from vbaa_calib.calibrate.lens.board_shape import deformations
 from vbaa_calib.calibrate.lens.bundle import BoardCorners
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
+from vbaa_calib.calibrate.pose.board_pose import start_poses
 from vbaa_calib.camera import Camera
+from vbaa_calib.core.errors import SolveError
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.geometry import Pose
@@ -248,13 +250,14 @@ def pose_match(suggestion: Suggestion, view: BoardView, spec: BoardWithIds, came
         return 0.0, "too little of the board is seen"
     camera = camera or camera_of(LENS_MODELS["none"], nominal_intrinsics(view.image_size), view.image_size)
     flat, valid = camera.unproject_normalized(view.corners_px)
-    ok = valid.sum() >= GuideSettings.match_corners and fixes_homography(points[valid, :2])
-    if ok:
-        ok, rotvec, shift = cv2.solvePnP(points[valid], flat[valid], np.eye(3), None)
-    if not ok or shift[2, 0] <= 0.0:
+    try:
+        poses = start_poses(points[valid], flat[valid]) if fixes_homography(points[valid, :2]) else []
+    except SolveError:
+        poses = []
+    if valid.sum() < GuideSettings.match_corners or not poses:
         return 0.0, "the board is seen at too flat an angle"
     wanted = _seen_as(camera, suggestion.T_camera_board, spec)
-    seen = _seen_as(camera, Pose.from_rotvec(rotvec.ravel(), shift.ravel()), spec)
+    seen = _seen_as(camera, poses[0], spec)
     across, down = np.subtract(wanted.place, seen.place)
     farther = np.log(wanted.distance_m / seen.distance_m)
     tilt = wanted.tilt_rad * np.exp(1j * wanted.away_rad) - seen.tilt_rad * np.exp(1j * seen.away_rad)

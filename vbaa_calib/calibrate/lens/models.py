@@ -52,15 +52,11 @@ LENS_MODELS = {
 }
 
 
-def _camera_matrix(intrinsics: np.ndarray) -> np.ndarray:
-    """(3, 3) camera matrix from (fx, fy, cx, cy, *distortion)."""
-    fx, fy, cx, cy = intrinsics[:4]
-    return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-
-
 def camera_of(model: DistortionModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> Camera:
     """The camera of intrinsics (fx, fy, cx, cy, *distortion), without a covariance."""
-    return Camera(model.camera_model, image_size, _camera_matrix(intrinsics), intrinsics[4:])
+    fx, fy, cx, cy = intrinsics[:4]
+    matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    return Camera(model.camera_model, image_size, matrix, intrinsics[4:])
 
 
 def projected(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

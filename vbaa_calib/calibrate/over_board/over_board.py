@@ -96,22 +96,17 @@ def nominal_free_antenna(antenna: NominalAntenna, gravity_m_s2: np.ndarray) -> _
     """Prior of a straight antenna of nominal stiffness and mass. gravity_m_s2 : (3,) in the antenna frame that is
     solved for."""
     bow = bow_std_per_m(antenna.length_m)
-    shape = [
-        bow,
-        bow,
-        _OverBoardFitSettings.log_stiffness_std,
-        AntennaSettings.log_mass_std,
-        AntennaSettings.clamp_give_std_m,
-    ]
-    std = [0.0, 0.0, _OverBoardFitSettings.out_of_plane_std_rad, 0.0, *shape]
-    known = (
-        antenna.length_m,
-        _OverBoardFitSettings.length_std_m,
-        antenna.diameter_m,
-        nominal_parameters(antenna),
-        np.diag(np.square(std)),
+    std = [0.0, 0.0, _OverBoardFitSettings.out_of_plane_std_rad, 0.0, bow, bow]
+    std += [_OverBoardFitSettings.log_stiffness_std, AntennaSettings.log_mass_std, AntennaSettings.clamp_give_std_m]
+    return _FreeAntenna(
+        length_m=antenna.length_m,
+        length_std_m=_OverBoardFitSettings.length_std_m,
+        diameter_m=antenna.diameter_m,
+        parameters=nominal_parameters(antenna),
+        covariance=np.diag(np.square(std)),
+        gravity_m_s2=np.asarray(gravity_m_s2, float),
+        taper=antenna.taper,
     )
-    return _FreeAntenna(*known, np.asarray(gravity_m_s2, float), antenna.taper)
 
 
 @dataclass(frozen=True, eq=False)
