@@ -20,7 +20,7 @@ from vbaa_calib.detect.whisker.corridor import Corridor, corridor, free_curve, p
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.finder import finder as detector
 from vbaa_calib.detect.whisker.paint import Paint, look_of, usual_looks, without_other_things
-from vbaa_calib.detect.whisker.profile import measure, measure_in_colour
+from vbaa_calib.detect.whisker.profile import measure, measure_ribbon
 from vbaa_calib.detect.whisker.settings import SearchSettings
 from vbaa_calib.geometry import Pose
 
@@ -301,7 +301,7 @@ def _off(picture: TracedPicture, points_px: np.ndarray) -> np.ndarray:
 def test_before_other_colours_the_line_is_where_the_antenna_is() -> None:
     patchworks = [one for one in PICTURES if "_patchwork_" in one.name and len(one.line_px)]
     for one in patchworks:
-        line = measure_in_colour(one.color(), one.line_px, one.width_px)
+        line = measure_ribbon(one.color(), one.line_px, one.width_px)
         assert line.found
         assert np.median(_off(one, line.points_px)) < 0.06 * one.width_px
     assert len(patchworks) >= 8

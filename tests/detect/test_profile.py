@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from vbaa_calib.detect.whisker.centreline import Centreline
-from vbaa_calib.detect.whisker.profile import measure, measure_in_colour
+from vbaa_calib.detect.whisker.profile import measure, measure_ribbon
 from vbaa_calib.native import core
 
 from .drawn_lines import SIZE, aside, background, bent, exposed, straight, tube
@@ -259,7 +259,7 @@ def test_lines_are_where_and_as_sure_as_they_say(width_px: float, patched: bool)
             for begin in range(0, SIZE[1], 45):
                 ground[:, begin : begin + 45] = rng.uniform(20.0, 230.0, 3)
         picture = in_colour(tube(path, width_px, 1.0), ground, rng)
-        line = measure_in_colour(picture, dense(path) + 0.4, width_px)
+        line = measure_ribbon(picture, dense(path) + 0.4, width_px)
         assert line.found
         assert line.seen > 0.9
         errors.append(aside(path, line.points_px))
@@ -274,7 +274,7 @@ def test_a_highlight_at_its_side_does_not_pull_the_line(brightness) -> None:
     rng, path, width_px = np.random.default_rng(2), straight(12.0, 220.0), 5.0
     light = metal(path, width_px, brightness)
     picture = np.stack([exposed(light, rng) for _ in range(3)], axis=-1)
-    line = measure_in_colour(picture, dense(path) + np.array([0.0, 0.15 * width_px]), width_px)
+    line = measure_ribbon(picture, dense(path) + np.array([0.0, 0.15 * width_px]), width_px)
     assert line.found
     assert abs(aside(path, line.points_px).mean()) < 0.04 * width_px
 
@@ -283,7 +283,7 @@ def test_what_hides_it_leaves_a_gap() -> None:
     rng, path = np.random.default_rng(4), straight(10.0)
     picture = in_colour(tube(path, 4.0, 1.0), np.full((*SIZE, 3), 60.0), rng)
     picture[:, 140:175] = np.rint(90.0 + rng.normal(0.0, 1.5, (SIZE[0], 35, 3)))
-    u = measure_in_colour(picture, dense(path) + 0.5, 4.0).points_px[:, 0]
+    u = measure_ribbon(picture, dense(path) + 0.5, 4.0).points_px[:, 0]
     assert not ((u > 142) & (u < 173)).any()
     assert ((u < 135).sum() > 50) & ((u > 180).sum() > 50)
 

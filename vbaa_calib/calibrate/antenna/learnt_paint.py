@@ -12,7 +12,7 @@ from vbaa_calib.core.polyline import arc_lengths, offsets_from
 from vbaa_calib.detect.whisker.centreline import Centreline, Visibility
 from vbaa_calib.detect.whisker.finder import AntennaFinder, coloured
 from vbaa_calib.detect.whisker.paint import PLACES, VISIBLE, Paint
-from vbaa_calib.detect.whisker.profile import measure_on
+from vbaa_calib.detect.whisker.profile import measure_between
 
 from .settings import AntennaSettings
 
@@ -68,7 +68,7 @@ class _Tried:
         width, taper = where.width_px, where.taper
         for image, line in zip(images, self.lines, strict=True):
             plane = self.paint.plane(image)
-            between = measure_on(plane, line.guide_px, width, None, taper=taper) if line.found else line
+            between = measure_between(plane, line, width) if line.found else line
             if between.found:
                 # the thin part of an antenna that tapers has noise alone
                 half = len(line.points_px) // 2

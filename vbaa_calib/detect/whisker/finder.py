@@ -16,7 +16,7 @@ from vbaa_calib.native import core
 from .acceptance import best_of, better_shaped, less_sure, of_antennas_shape, reject_faint
 from .centreline import Centreline, too_short
 from .corridor import Corridor, free_curve
-from .profile import measure, measure_in_colour, measure_on, refine_path
+from .profile import measure, measure_on, measure_ribbon, refine_path
 from .settings import AcceptanceSettings, ProfileSettings, SearchSettings
 
 SAMPLES = 72
@@ -183,14 +183,11 @@ class AntennaFinder:
         """
         where, width = self.corridor, self.corridor.width_px
         in_colour = coloured(picture)
-
-        def on_grey(path: np.ndarray) -> Centreline:
-            return measure_on(image, path, width, None, taper=where.taper)
+        levels = picture if in_colour else image
 
         def judged(path: np.ndarray) -> Centreline:
             path, _ = resample(path, 1.0)
-            line = measure_in_colour(picture, path, width) if in_colour else on_grey(path)
-            return of_antennas_shape(replace(line, odds=odds), where, True)
+            return of_antennas_shape(replace(measure_ribbon(levels, path, width), odds=odds), where, True)
 
         line = judged(path_px)
         if where.shape_px is None or too_short(line.points_px):

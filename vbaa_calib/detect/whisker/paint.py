@@ -16,7 +16,7 @@ from vbaa_calib.native import core
 
 from .centreline import Centreline, Visibility
 from .finder import AntennaFinder, coloured
-from .profile import measure_on
+from .profile import measure_between
 from .settings import AcceptanceSettings, LookSettings
 
 PLACES = 8
@@ -55,7 +55,7 @@ class Paint:
         line = finder.find(plane, self.polarity if calibrated else self.bright, image)
         if not line.found or not self.both_edges or calibrated:
             return line
-        between = measure_on(plane, line.guide_px, finder.corridor.width_px, None, taper=finder.corridor.taper)
+        between = measure_between(image if coloured(image) else plane, line, finder.corridor.width_px)
         return between if between.found else line
 
 

@@ -20,7 +20,6 @@ from .centreline import NOTHING, Centreline, too_short
 from .settings import ProfileSettings, RibbonSettings
 
 LINE_MODES = 3  # offset, slope and curvature: the first Legendre polynomials of the place along a line
-_POLARITY = {True: 1, False: -1, None: 0}
 _shapes = lru_cache(maxsize=32)(core.profile.shapes)
 
 
@@ -65,10 +64,10 @@ def measure_on(
 
     blurred_px : by how much broader the line may be.
     """
+    if bright is None:
+        return measure_ribbon(image, path_px, width_px)
     half = int(np.ceil(0.8 * (width_px + blurred_px) + 5.0))
     path_px = np.ascontiguousarray(path_px, np.float64)
-    if bright is None:
-        path_px, half = core.profile.stiffened(path_px), int(np.ceil(0.5 * width_px + ProfileSettings.margin_px))
     line = _measured(image, path_px, width_px, half, bright, taper)
     if line.breadth > ProfileSettings.broader:
         half = int(np.ceil(half + 0.7 * line.breadth * width_px + 2.0))
@@ -78,10 +77,10 @@ def measure_on(
 
 
 def _measured(
-    image: np.ndarray, path_px: np.ndarray, width_px: float, half: int, bright: bool | None, taper: float
+    image: np.ndarray, path_px: np.ndarray, width_px: float, half: int, bright: bool, taper: float
 ) -> Centreline:
     width_px = round(float(width_px), 2)
-    how = (width_px, half, _POLARITY[bright], taper, _quiet_part(2 * half - 3))
+    how = (width_px, half, 1.0 if bright else -1.0, taper, _quiet_part(2 * half - 3))
     shapes = _shapes(width_px, ProfileSettings.blur_px, half + 2)
     found = core.profile.measured(np.ascontiguousarray(image), path_px, *how, shapes)
     if found is None:
@@ -91,24 +90,39 @@ def _measured(
     if evened is not None and (again := core.profile.measured(evened, path_px, *how, shapes)) is not None:
         found, line = again, Centreline(**again[0])
         more = np.full(len(line.points_px), np.median(more))
-    return accepted(replace(line, row_px=more), Evidence(**found[1]))
+    line = accepted(replace(line, row_px=more), Evidence(**found[1]))
+    if found[2] > 0.0 and line.found:
+        # light from one side: its two edges tell more of where it is than its middle
+        between = measure_ribbon(image if evened is None else evened, line.guide_px, width_px)
+        return replace(between, row_px=np.zeros(1)).doubted(found[2]) if between.found else line
+    return line
 
 
-def measure_in_colour(
+def measure_ribbon(
     picture: np.ndarray, path_px: np.ndarray, width_px: float, settings: RibbonSettings | None = None
 ) -> Centreline:
-    """The centreline along a path (K, 2) on the antenna in a colour picture (H, W, 3): a ribbon, brighter or darker
-    than both backgrounds, with illumination that varies smoothly along it."""
-    how = settings or RibbonSettings()
+    """The centreline along a path (K, 2) on the antenna in a picture (H, W[, 3]): a ribbon, brighter or darker than
+    both backgrounds, with illumination that varies smoothly along it."""
+    how, grey = settings or RibbonSettings(), picture.ndim == 2
     half = int(np.ceil(how.flank_widths * width_px + how.flank_px))
     path_px = np.ascontiguousarray(path_px, np.float64)
-    picture = np.ascontiguousarray(picture[..., :3])
+    picture = np.ascontiguousarray(picture if grey else picture[..., :3])
+    how = replace(how, alike=how.grey_alike) if grey else how
     found = core.profile.measured_ribbon(picture, path_px, float(width_px), ProfileSettings.blur_px, half, how)
     if found is None:
         return NOTHING
     line = Centreline(**found[0])
     more, _ = _row_errors(picture, line.points_px, line.sigma_px, line.noise, half)
     return accepted(replace(line, row_px=more), Evidence(**found[1]))
+
+
+def measure_between(picture: np.ndarray, line: Centreline, width_px: float) -> Centreline:
+    """The centreline between both edges of a line that one polarity showed, in a picture (H, W[, 3]).
+
+    Twice: light from one side has pulled that line, and a ribbon's course keeps near its path.
+    """
+    first = measure_ribbon(picture, line.guide_px, width_px)
+    return measure_ribbon(picture, first.guide_px, width_px) if first.found else first
 
 
 @lru_cache(maxsize=32)

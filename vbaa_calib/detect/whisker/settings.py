@@ -51,7 +51,6 @@ class ProfileSettings:
     """The line fitted to profiles of grey levels. Chosen on drawn pictures and on ten path-traced sessions."""
 
     blur_px: float = 0.8  # standard deviation of a lens in focus
-    margin_px: float = 3.0  # of a profile beyond an antenna of changing polarity: what lies farther is another thing's
     broader: float = 1.5  # breadth from which a line is measured again with longer profiles
     # noise of whole rows, or columns, of pixels
     row_run: int = 12  # points of a line on one row, from which it matters: as long as other errors are shared
@@ -61,7 +60,7 @@ class ProfileSettings:
 
 @dataclass(frozen=True)
 class RibbonSettings:
-    """Priors of an antenna's ribbon in a colour picture, and settings of its fit.
+    """Priors of an antenna's ribbon in a picture, and settings of its fit.
 
     Chosen on six path-traced sessions (steel, nylon and nitinol on a plain bench, paint and steel on a patchwork, thick
     paint on wood) unless a line says otherwise.
@@ -77,6 +76,7 @@ class RibbonSettings:
     bend_px: float = 0.04  # standard deviation of the second difference over 20 px of how far the path is off
     knot_px: float = 30.0  # between which its look changes linearly
     alike: float = 0.4  # share of a profile's log odds that its neighbours do not have, too
+    grey_alike: float = 0.8  # the same in a picture without colours, of 81 and 144 path-traced and drawn ones
     hidden: float = -1.5  # prior log odds of a profile to show the antenna
     change_px: float = 80.0  # length after which it is hidden, or seen again
     cut: float = 1.2  # standard deviations at which a pixel counts half
@@ -92,27 +92,22 @@ class AcceptanceSettings:
     """
 
     # how much of the guide must be seen; of a line whose polarity may change, more
-    least_points: int = 12  # points: fewer are no line
     least_seen: float = 0.3  # fraction of the guide
     least_seen_changing: float = 0.5  # the same
     least_seen_inside: float = 0.5  # fraction of what of the guide is in the picture, where the line is not clear
     least_root: float = 0.35  # fraction of the guide's first third: the antenna starts at the clamp
-    least_whole: float = 0.65  # part that is seen without the longest gap, of a line whose polarity may change
     least_contrast: float = 2.0  # height over the noise of a pixel
     clear_contrast: float = 8.0  # the same of a line that is clear
     faint: float = 0.4  # height over the usual one: a fainter line is another thing's
     # its width over the expected one
     narrow: float = 0.3  # least
     broad: float = 1.8  # from here it may be out of focus, or a soft edge: more must be seen of it
-    broad_changing: float = 1.1  # the same of a line whose polarity may change
     least_seen_broad: float = 0.85  # fraction of such a line
-    # its course and its background
+    # its course
     wander_px: float = 0.25  # rms distance of the points from a curve as smooth as an antenna's: pixels, and,
     wander_sigma: tuple[float, float] = (1.35, 2.7)  # added in square, standard deviations; of a changing line more of
     # these: neighbours share their errors there
     snaking_rad: float = 0.25  # turns to and fro beyond the turn from end to end: a cantilever bends one way
-    edge: float = 0.3  # step of a changing line's background over its height: the edge of a cable broader than this
-    transparency: float = 0.5  # slope of its brightness on its background's: it is only that background
     # another line
     other_line: float = 0.7  # how likely it is, over the first one, from which the picture is ambiguous
     other_changing: float = 0.85  # the same of lines whose polarity may change

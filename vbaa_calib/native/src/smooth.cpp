@@ -196,27 +196,6 @@ Array<double, 1> running_maxima(ConstVector values, int size) {
     return maxima;
 }
 
-Array<double, 2> triangle_sums(ConstMatrix values, int count) {
-    const int rows = values.shape[0], columns = values.shape[1], ahead = count - count / 2;
-    Array<double, 2> once(rows, columns), twice(rows, columns);
-    const std::vector<double> nothing(columns);
-    const auto running = [&](ConstMatrix from, Matrix sums) {
-        const auto row = [&](int n) { return n >= 0 && n < rows ? from.row(n).data : nothing.data(); };
-        for (int n = 0; n < rows; ++n) {
-            const double *before = n ? sums.row(n - 1).data : nothing.data(), *entering = row(n - 1 + ahead);
-            const double* leaving = row(n ? n - 1 - count / 2 : -1);
-            double* __restrict to = sums.row(n).data;
-            for (int m = 0; m < columns; ++m) to[m] = before[m] + entering[m] - leaving[m];
-            for (int other = 0; n == 0 && other < ahead - 1; ++other)
-                for (int m = 0; m < columns; ++m) to[m] += row(other)[m];
-        }
-    };
-    running(values, once);
-    running(once, twice);
-    for (double& each : twice) each /= count;
-    return twice;
-}
-
 double quantile(ConstVector values, double share) {
     const int count = values.shape[0], place = std::min(static_cast<int>(share * count), count - 1);
     std::vector<double> rest(count);

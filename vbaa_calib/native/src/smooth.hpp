@@ -43,9 +43,6 @@ Array<double, 1> running_mean(ConstVector values, int size, Beyond beyond);
 Array<double, 1> running_medians(ConstVector values, int size);
 Array<double, 1> running_maxima(ConstVector values, int size);
 
-// Sums (N, M) of `count` neighbours along the first axis, over a triangle with weight one in the middle.
-Array<double, 2> triangle_sums(ConstMatrix values, int count);
-
 // The number below which a share of values (N,), N > 0, lies. NaN come last.
 double quantile(ConstVector values, double share);
 

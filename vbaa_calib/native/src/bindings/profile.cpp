@@ -1,7 +1,6 @@
 #include "detect/profile.hpp"
 
 #include "bindings/picture.hpp"
-#include "detect/reflectance.hpp"
 #include "detect/ribbon_line.hpp"
 #include "detect/row_noise.hpp"
 
@@ -17,7 +16,7 @@ void require_pixels(double width_px, double blur_px, int reach_px) {
             "width, blur and reach are 0 to 1000 px");
 }
 
-// Fields of a Centreline but for the verdict, and of acceptance.Evidence.
+// Fields of a Centreline but for the verdict, of acceptance.Evidence, and how lopsided the line is.
 nb::object answer(detect::MeasuredLine&& found) {
     const auto& line = found.line;
     auto& seen = found.evidence;
@@ -33,13 +32,12 @@ nb::object answer(detect::MeasuredLine&& found) {
              "end_px"_a = to_numpy(Array<double, 1>(ConstVector(end.place.data(), {2}))), "end_std_px"_a = end.std_px,
              "end"_a = kinds[static_cast<int>(end.kind)], "noise"_a = line.noise, "sure"_a = line.sure);
     const nb::object evidence =
-        dict("inside"_a = seen.inside, "root"_a = seen.root, "gap"_a = seen.gap, "spread_px"_a = seen.spread_px,
-             "wander_px"_a = seen.wander_px, "snaking_rad"_a = seen.snaking_rad, "step"_a = seen.step,
-             "transparency"_a = seen.transparency, "changing"_a = line.changing);
-    return nb::make_tuple(centreline, evidence);
+        dict("inside"_a = seen.inside, "root"_a = seen.root, "spread_px"_a = seen.spread_px,
+             "wander_px"_a = seen.wander_px, "snaking_rad"_a = seen.snaking_rad, "changing"_a = line.changing);
+    return nb::make_tuple(centreline, evidence, found.lopsided_px);
 }
 
-nb::object measured(const InPicture& image, const InMatrix& path_px, double width_px, int half, int polarity,
+nb::object measured(const InPicture& image, const InMatrix& path_px, double width_px, int half, double sign,
                     double taper, double quiet, const detect::Shapes& shapes) {
     require_pixels(width_px, 0.0, half);
     require(taper > -2.0 && taper < 2.0, "an antenna tapers by less than twice its mean width");
@@ -47,7 +45,7 @@ nb::object measured(const InPicture& image, const InMatrix& path_px, double widt
     require(half > 1 && shapes.reach_px == half + 2,
             "shapes reach two pixels farther than profiles of five pixels or more");
     const auto taken = picture(image);
-    const detect::Measuring how = {width_px, half, polarity, taper, quiet, shapes};
+    const detect::Measuring how = {width_px, half, sign, taper, quiet, shapes};
     auto found = unlocked([&] { return detect::measured(taken, view(path_px), how); });
     return found ? answer(std::move(*found)) : nb::none();
 }
@@ -55,7 +53,6 @@ nb::object measured(const InPicture& image, const InMatrix& path_px, double widt
 auto to_its_end(const InPicture& image, const InMatrix& path_px, int half, const CrossSection& section, int polarity) {
     require_pixels(0.0, 0.0, half);
     require(image.ndim() == 2 && path_px.shape(1) == 2 && path_px.shape(0) > 1, "a path (K, 2) is in a picture (H, W)");
-    require(section.weights.size() == 0, "one cross-section is the same for all profiles");
     const auto taken = picture(image);
     const detect::Look look = {section, half, 0.0, polarity < 0 ? -1.0 : 1.0};
     return to_numpy(unlocked([&] { return detect::to_its_end(taken, view(path_px), look); }));
@@ -87,8 +84,7 @@ nb::object measured_ribbon(const InPicture& image, const InMatrix& path_px, doub
 }  // namespace
 
 void bind_profile(nb::module_& module) {
-    nb::module_ room =
-        module.def_submodule("profile", "The antenna in a picture: profiles, reflectance, ends, acceptance.");
+    nb::module_ room = module.def_submodule("profile", "The antenna in a picture: profiles, ends, acceptance.");
     room.attr("QUIET") = detect::QUIET;
     nb::class_<CrossSection>(room, "CrossSection");
     nb::class_<detect::Shapes>(room, "Shapes");
@@ -106,10 +102,6 @@ void bind_profile(nb::module_& module) {
         return nb::make_tuple(to_numpy(std::move(fits.shift)), to_numpy(std::move(fits.height)),
                               to_numpy(std::move(fits.unit_height)), to_numpy(std::move(fits.rms)));
     });
-    room.def("stiffened", [](InMatrix path_px) {
-        require(path_px.shape(1) == 2 && path_px.shape(0) > 0, "a path is an array (K, 2), not empty");
-        return to_numpy(unlocked([&] { return detect::stiffened(view(path_px)); }));
-    });
     room.def("to_its_end", to_its_end);
     room.def("measured", measured);
     room.def("row_noise", [](InPicture image, InMatrix points_px, int axis, int band, int least) {
@@ -124,15 +116,6 @@ void bind_profile(nb::module_& module) {
         require_pixels(width_px, blur_px, reach_px);
         require(blur_px > 0.0, "blur is above 0 px");
         return to_numpy(detect::shade_table(width_px, blur_px, reach_px));
-    });
-    room.def("normal_equations", [](const detect::Crossings& found, InVector base, double width_px, double blur_px,
-                                    InMatrix coefficients, int reach_px) {
-        const std::size_t count = found.along.size();
-        require_pixels(width_px, blur_px, reach_px);
-        require(
-            base.shape(0) == count && coefficients.shape(0) == count && coefficients.shape(1) == detect::POLYNOMIALS,
-            "every profile has a base and four coefficients");
-        return to_numpy(detect::normal_equations(found, view(base), {width_px, blur_px}, view(coefficients), reach_px));
     });
 }
 

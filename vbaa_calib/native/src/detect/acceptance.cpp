@@ -7,65 +7,9 @@ namespace vbaa::detect {
 
 namespace {
 
-constexpr double ROOT = 0.33;            // the beginning of the path, as a part of it: the antenna starts at the clamp
-constexpr int WANDER_ORDER = 6;          // order of the curve that the points are compared with
-constexpr int HEADINGS = 40;             // places along that curve at which its direction is compared
-constexpr int NEARBY = 41;               // so many profiles have the light in common
-constexpr double BEHIND_VARIES = 0.15;   // least variation of the background over the line's height, to show through
-constexpr double ALIKE_PROFILES = 15.0;  // so many neighbouring profiles lie in front of the same thing
-
-// Grey levels at either end of a profile (T,): what lies behind the line.
-std::array<double, 2> flanks(ConstVector profile) {
-    const double* const end = profile.end();
-    return {(profile[0] + profile[1] + profile[2]) / 3.0, (end[-1] + end[-2] + end[-3]) / 3.0};
-}
-
-// Grey level of profile n where the line is.
-double own_level(const Crossings& found, const FittedLine& line, int n) {
-    const ConstVector across = found.across.row(n);
-    int nearest = 0;
-    for (int t = 1; t < across.shape[0]; ++t)
-        if (std::abs(across[t] - line.centre[n]) < std::abs(across[nearest] - line.centre[n])) nearest = t;
-    return found.profiles(n, nearest);
-}
-
-// How the background differs from one side of the line to the other, all along it, over the line's own height.
-double background_step(const Crossings& found, const Flags& kept) {
-    const std::vector<int> chosen = places(kept);
-    const int count = static_cast<int>(chosen.size()), middle = found.profiles.shape[1] / 2;
-    Numbers steps(count), sizes(count), height(count);
-    for (int k = 0; k < count; ++k) {
-        const ConstVector profile = found.profiles.row(chosen[k]);
-        const auto [one, other] = flanks(profile);
-        steps[k] = (other - one) * found.side[chosen[k]];
-        sizes[k] = std::abs(steps[k]);
-        const double top = (profile[middle - 1] + profile[middle] + profile[middle + 1]) / 3.0;
-        height[k] = std::abs(top - 0.5 * (one + other));
-    }
-    // on a patchwork the steps are of either sign: an edge's are alike
-    const double spread = MAD_SCALE * central(sizes);
-    const double common = std::abs(median(steps)) - 3.0 * spread / std::sqrt(count / ALIKE_PROFILES);
-    return std::max(common, 0.0) / std::max(median(height), 1e-9);
-}
-
-// How far the line's own brightness follows that of its background from place to place, 0 for an opaque antenna, and
-// where the background hardly varies.
-double transparency(const Crossings& found, const FittedLine& line) {
-    const std::vector<int> chosen = places(line.kept);
-    const int count = static_cast<int>(chosen.size());
-    Numbers own(count), behind(count), height(count);
-    for (int k = 0; k < count; ++k) {
-        const auto [one, other] = flanks(found.profiles.row(chosen[k]));
-        behind[k] = 0.5 * (one + other);
-        own[k] = own_level(found, line, chosen[k]);
-        height[k] = std::abs(line.height[chosen[k]]);
-    }
-    const Numbers own_light = running_mean(own, NEARBY, Beyond::end_value);
-    const Numbers light = running_mean(behind, NEARBY, Beyond::end_value);
-    for (int k = 0; k < count; ++k) own[k] -= own_light[k], behind[k] -= light[k];
-    const double usual = median(height), varies = dot(behind, behind) / count;
-    return std::sqrt(varies) > BEHIND_VARIES * usual ? dot(own, behind) / count / varies : 0.0;
-}
+constexpr double ROOT = 0.33;    // the beginning of the path, as a part of it: the antenna starts at the clamp
+constexpr int WANDER_ORDER = 6;  // order of the curve that the points are compared with
+constexpr int HEADINGS = 40;     // places along that curve at which its direction is compared
 
 using Orders = std::array<double, WANDER_ORDER + 1>;
 
@@ -133,15 +77,6 @@ Flags visibility_of(const Flags& kept, const Flags& inside) {
     return found;
 }
 
-int longest_gap(const Flags& kept) {
-    int gap = 0, longest = 0;
-    for (unsigned char here : kept) {
-        gap = here ? 0 : gap + 1;
-        longest = std::max(longest, gap);
-    }
-    return longest;
-}
-
 }  // namespace
 
 Flags without_margins(const Flags& kept, int margin) {
@@ -156,7 +91,7 @@ Flags without_margins(const Flags& kept, int margin) {
     return each(count, [&](int n) { return kept[n] && !around(filled, n, margin, false); });
 }
 
-Evidence evidence(const Crossings& found, const FittedLine& line, bool stands_out) {
+Evidence evidence(const Crossings& found, const FittedLine& line) {
     const Flags& kept = line.kept;
     const double whole = kept.size(), seen = count(kept);
     Evidence evidence = {};
@@ -169,12 +104,9 @@ Evidence evidence(const Crossings& found, const FittedLine& line, bool stands_ou
     for (int n = 0; n < kept.size() && found.along[n] < ROOT * found.along[kept.size() - 1]; ++n, ++root)
         root_seen += kept[n];
     evidence.root = static_cast<double>(root_seen) / root;
-    evidence.gap = longest_gap(kept) / whole;
     evidence.height = median(selected(line.height, kept));
     evidence.spread_px = median(selected(line.sigma_px, kept));
     measure_wander(found.along, evidence.everywhere, kept, evidence);
-    if (line.changing) evidence.step = background_step(found, kept);
-    if (line.changing && !stands_out) evidence.transparency = transparency(found, line);
     return evidence;
 }
 

@@ -28,19 +28,15 @@ struct Evidence {
     Flags visibility;          // (N,) a `Visibility` each
     double seen, inside;       // parts of the path where it is seen, and in the picture
     double root;               // part of the path's beginning where it is seen
-    double gap;                // longest stretch that is not seen, as a part of the path
     double height, spread_px;  // medians of its height, grey levels, and deviation
     double wander_px;          // root mean square distance of its points from a curve of low order
     double snaking_rad;        // by how much that curve turns to and fro
-    double step;  // of one that changes along it: its background's difference from side to side, over its height
-    double transparency;  // of the same: how far its brightness follows that of the background
 };
 
 // The kept points (N,) but for so many on either side of a gap; a profile or two that noise hides are no gap.
 Flags without_margins(const Flags& kept, int margin);
 
-// Of a line that is kept somewhere. stands_out : it differs from its background by more than its brightness, so that
-// equal brightness is no evidence.
-Evidence evidence(const Crossings& found, const FittedLine& line, bool stands_out);
+// Of a line that is kept somewhere.
+Evidence evidence(const Crossings& found, const FittedLine& line);
 
 }  // namespace vbaa::detect

@@ -180,18 +180,4 @@ Array<double, 2> moved(const Crossings& found, ConstVector shift) {
     return points;
 }
 
-void remove_background(Matrix rows) {
-    const int length = rows.shape[1];
-    const double middle = 0.5 * (length - 1),
-                 per_spread = 12.0 / (length * (static_cast<double>(length) * length - 1.0));
-    for (int m = 0; m < rows.shape[0]; ++m) {
-        double level = 0.0, slope = 0.0;
-        for (int t = 0; t < length; ++t) {
-            level += rows(m, t);
-            slope += (t - middle) * rows(m, t);
-        }
-        for (int t = 0; t < length; ++t) rows(m, t) -= level / length + slope * per_spread * (t - middle);
-    }
-}
-
 }  // namespace vbaa::detect

@@ -58,9 +58,6 @@ Crossings tapered(Crossings found, const Taper& taper);
 // (N, 2) the points moved along their profiles by (N,).
 Array<double, 2> moved(const Crossings& found, ConstVector shift);
 
-// Takes level and slope off each of the rows (M, T).
-void remove_background(Matrix rows);
-
 // Σ of the products of two rows (T,).
 inline double dot(ConstVector one, ConstVector other) {
     double total = 0.0;

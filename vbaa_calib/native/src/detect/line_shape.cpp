@@ -46,29 +46,14 @@ Lanes clamped(Lanes values, double low, double high) {
     return where_positive(high - raised, raised, high);
 }
 
-// Profile n's cross-section and its derivative at distances (T,) from the centre, px: into (T,) each.
-void look_up(const CrossSection& section, int n, ConstVector across, double* __restrict value,
-             double* __restrict slope) {
-    const int last = section.values.shape[0] - 1, several = section.values.shape[1], count = across.shape[0];
+// A cross-section and its derivative at distances (T,) from the centre, px: into (T,) each.
+void look_up(const CrossSection& section, ConstVector across, double* __restrict value, double* __restrict slope) {
+    const int last = section.values.shape[0] - 1, count = across.shape[0];
     const double *const values = section.values.begin(), *const slopes = section.slopes.begin();
-    if (several == 1) {
-        for (int t = 0; t < count; ++t) {
-            const Place at(across[t], last);
-            value[t] = (1.0 - at.far) * values[at.row] + at.far * values[at.row + 1];
-            slope[t] = (1.0 - at.far) * slopes[at.row] + at.far * slopes[at.row + 1];
-        }
-        return;
-    }
-    const double* const weights = section.weights.row(n).data;
     for (int t = 0; t < count; ++t) {
         const Place at(across[t], last);
-        double v = 0.0, s = 0.0;
-        for (int c = 0, i = at.row * several; c < several; ++c, ++i) {
-            v += weights[c] * ((1.0 - at.far) * values[i] + at.far * values[i + several]);
-            s += weights[c] * ((1.0 - at.far) * slopes[i] + at.far * slopes[i + several]);
-        }
-        value[t] = v;
-        slope[t] = s;
+        value[t] = (1.0 - at.far) * values[at.row] + at.far * values[at.row + 1];
+        slope[t] = (1.0 - at.far) * slopes[at.row] + at.far * slopes[at.row + 1];
     }
 }
 
@@ -132,7 +117,7 @@ CrossSection expected(double width_px, double blur_px, int reach_px) {
     const double top = *std::max_element(line.begin(), line.end());
     for (double& value : line) value /= top;
     Table slopes = slopes_of(line);
-    return {std::move(line), std::move(slopes), {}};
+    return {std::move(line), std::move(slopes)};
 }
 
 double half_width_px(const CrossSection& section) {
@@ -247,7 +232,7 @@ CrossSection learn(const Binned& seen, const Shapes& known) {
     const double top = *std::max_element(shape.begin(), shape.end()), scale = top > 1e-6 ? top : 1.0;
     for (double& value : shape) value /= scale;
     for (double& value : slope) value /= scale;
-    return {std::move(shape), std::move(slope), {}};
+    return {std::move(shape), std::move(slope)};
 }
 
 Fits fit(const CrossSection& section, const Crossings& found, ConstVector centre) {
@@ -265,7 +250,7 @@ Fits fit(const CrossSection& section, const Crossings& found, ConstVector centre
     double *const levels = rows.row(2).data, *const edge = rows.row(3).data;
     for (int n = 0; n < count; ++n) {
         distances(found, n, centre[n], Vector(across.begin(), {length}));
-        look_up(section, n, across, shape, change);
+        look_up(section, across, shape, change);
         std::copy_n(found.profiles.row(n).data, length, levels);
         const double by_centre = -found.side[n] / found.stretch[n];
         for (int t = 0; t < padded; t += LANES) {
@@ -322,7 +307,7 @@ Observed observed(const CrossSection& section, const Crossings& found, ConstVect
     double informed[3][3] = {}, slopes[3] = {};  // by the width, its taper, and the taper's bend
     for (int n : places(chosen)) {
         distances(found, n, centre[n], Vector(across.begin(), {length}));
-        look_up(section, n, across, shape, change);
+        look_up(section, across, shape, change);
         const double* const residuals = fits.residuals.row(n).data;
         for (int t = 0; t < length; ++t) seen.heights(n, t) = shape[t] + residuals[t] / fits.height[n];
         for (int t = 0; t < pixels.padded; t += LANES) store(change + t, -load(&across[t]) * load(change + t));

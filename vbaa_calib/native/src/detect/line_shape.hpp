@@ -1,5 +1,5 @@
 // The antenna's cross-section as a picture shows it (paint, light, focus, motion), learned from its own profiles: a
-// function of the distance from the centreline in cubic splines, symmetric; what is not is reflectance.hpp's. With it
+// function of the distance from the centreline in cubic splines, symmetric; what is not is ribbon.hpp's. With it
 // every profile is a least-squares problem in four unknowns: level and slope of the background, height and place.
 #pragma once
 
@@ -14,12 +14,11 @@ constexpr double MAX_TAPER = 0.6;       // part by which the line may be broader
 constexpr double DISTURBED_RMS = 1.8;   // residuals over the noise from which a profile shows something else, too
 constexpr double TAPER_STD = 0.3;       // prior deviation of that: where little of the line is seen, noise is no taper
 
-// What lines look like across: sums of C tabled functions of the distance from the centre, `PER_PX` rows a pixel, the
-// middle row at 0 px.
+// What lines look like across: a tabled function of the distance from the centre, of height one, `PER_PX` rows a pixel,
+// the middle row at 0 px.
 struct CrossSection {
-    Table values;   // (2R + 1, C)
-    Table slopes;   // (2R + 1, C) derivatives per px
-    Table weights;  // (N, C) of every profile; empty where there is one function, of height one, for all profiles
+    Table values;  // (2R + 1, 1)
+    Table slopes;  // (2R + 1, 1) derivatives per px
 };
 
 // A place in tables of 2R + 1 rows, at a distance from their middle, px: the row before it, and the part of the way on.

@@ -1,15 +1,11 @@
 // Centreline of the antenna from profiles: learning the cross-section, fitting it, selection, and standard deviations.
 #include "detect/profile.hpp"
 
-#include "detect/reflectance.hpp"
-
 namespace vbaa::detect {
 
 namespace {
 
-// Least height over its standard deviation for a profile to count as seen; and where the line changes along its length:
-// what its neighbours show tells its sign and shape.
-constexpr double SEEN_RATIO = 4.5, SEEN_CHANGING = 3.5;
+constexpr double SEEN_RATIO = 4.5;  // least height over its standard deviation for a profile to count as seen
 constexpr double LEAST_CLEAN =
     0.3;                      // with fewer undisturbed, disturbed ones are kept, with the deviations they deserve
 constexpr int MARGIN_PX = 2;  // dropped on either side of a gap: they show part of what hides the antenna
@@ -29,14 +25,13 @@ constexpr double LIKELY_RUNS = 4.0;  // that scatter as predicted are added to t
 
 // The fitted lines.
 struct Lines {
-    Numbers centre;        // (N,) along the profiles from the path, px
-    Fits fits;             // the last fit
-    CrossSection section;  // at the line's end, where it changes
+    Numbers centre;  // (N,) along the profiles from the path, px
+    Fits fits;       // the last fit
+    CrossSection section;
     double half_width_px;  // of the cross-section
     double noise;          // of a pixel, grey levels
     Numbers usual;         // (N,) height that the line should have
     Numbers shared;        // (N,) error of the place that neighbours share, px
-    Numbers sure;          // (N,) how surely it is a line, not one edge
 };
 
 // (N,) widths of an antenna that is not uniform, px.
@@ -102,10 +97,10 @@ double phase_alike(const Crossings& some, const Flags& chosen) {
 // What is learned of a symmetric cross-section.
 struct Learned {
     CrossSection section;
-    Crossings found;          // in widths of a line that broadens
-    Numbers curve;            // (N,) the line's course, px
-    double pulled = 0.0;      // by how much a highlight may pull the line, px
-    double reflecting = 0.0;  // the same of a line so lopsided that its own reflectance has to be learned
+    Crossings found;        // in widths of a line that broadens
+    Numbers curve;          // (N,) the line's course, px
+    double pulled = 0.0;    // by how much a highlight may pull the line, px
+    double lopsided = 0.0;  // the same of a broad line so lopsided that a symmetric one does not fit it
 };
 
 // The cross-section of some of the profiles. At first an antenna in focus; then one at the blur that is seen; then
@@ -145,7 +140,7 @@ Learned learned_section(const Crossings& found, const Measuring& how) {
         for (int n = 0; n < noise.size(); ++n) noise[n] /= height[n];
         const double sides = lopsided(by_distance, median(noise));
         learned.pulled = PULLED * how.width_px * bounded((sides - 0.5 * LOPSIDED) / LOPSIDED, 0.0, 1.0);
-        learned.reflecting = how.width_px > FLANKED_PX && sides > LOPSIDED ? learned.pulled : 0.0;
+        learned.lopsided = how.width_px > FLANKED_PX && sides > LOPSIDED ? learned.pulled : 0.0;
     }
     return learned;
 }
@@ -170,7 +165,6 @@ Lines symmetric_lines(Learned learned, const Measuring& how) {
         for (int n = 0; n < all; ++n) lines.usual[n] *= height[n];
     }
     lines.shared = each(all, [&](int) { return 0.5 * learned.pulled; });
-    lines.sure = each(all, [](int) { return 1.0; });
     if (learned.pulled > 0.5 * PULLED * how.width_px) {
         const Numbers height = each(all, [&](int n) { return std::max(fits.height[n], 0.0); });
         const Numbers near = running_mean(height, NEAR_POINTS, Beyond::end_value);
@@ -182,59 +176,25 @@ Lines symmetric_lines(Learned learned, const Measuring& how) {
     return lines;
 }
 
-// Lines of an antenna with its own reflectance.
-Lines changing_lines(const Crossings& untapered, const Measuring& how, const KnownCourse& known) {
-    LearnedReflectance learned = learn_reflectance(untapered, {how.width_px, how.shapes.blur_px}, known);
-    const Crossings found = tapered(untapered, {learned.taper});
-    const int all = found.along.size(), length = found.profiles.shape[1];
-    const Reflectance& reflectance = learned.reflectance;
-    Lines lines;
-    lines.fits = fit(reflectance.section, found, learned.course);
-    Fits& fits = lines.fits;
-    lines.noise = noise_of(fits, found, how.quiet);
-    std::vector<int> seen = places(each(all, [&](int n) {
-        return found.inside[n] && fits.height[n] > SEEN_RATIO * lines.noise * fits.unit_height[n];
-    }));
-    if (seen.empty())
-        seen = places(each(all, [](int) { return true; }));
-    else if (seen.size() > END_PROFILES)
-        seen.erase(seen.begin(), seen.end() - END_PROFILES);
-    lines.section = mean_shape(reflectance, seen);
-    const auto [width_px, blur_px] = reflectance.silhouette;
-    lines.half_width_px = half_width_px(expected(width_px, blur_px, length / 2 + 2));
-    lines.centre = each(all, [&](int n) { return learned.course[n] + fits.shift[n]; });
-    lines.usual = reflectance.height;
-    for (int n = 0; n < all; ++n)
-        if (learned.none[n]) fits.height[n] = 0.0;
-    lines.shared = std::move(learned.shared_px);
-    lines.sure = std::move(learned.sure);
-    return lines;
-}
-
 // Which profiles show the antenna well enough, which of them show nothing else next to it, which show it at all.
 struct Selection {
     Flags kept, clean, seen;
 };
 
-// One that changes along its length mostly lies in front of something: its profiles are judged by its height alone, and
-// the disturbed ones kept with the deviations that they deserve.
-Selection selection(const Crossings& found, const Lines& lines, bool changing) {
+Selection selection(const Crossings& found, const Lines& lines) {
     const Fits& fits = lines.fits;
     const double half = 0.5 * (found.profiles.shape[1] - 1), noise = lines.noise;
     const int all = found.inside.size();
     Flags seen = each(all, [&](int n) {
-        const double least = changing ? SEEN_CHANGING * noise : SEEN_RATIO * std::max(fits.rms[n], noise);
         return found.inside[n] && std::abs(lines.centre[n]) < half - 2.0 &&
-               fits.height[n] > least * fits.unit_height[n];
+               fits.height[n] > SEEN_RATIO * std::max(fits.rms[n], noise) * fits.unit_height[n];
     });
     if (!any(seen)) return {seen, seen, seen};
     for (int n = 0; n < all; ++n)
         seen[n] = seen[n] && fits.height[n] > 0.3 * lines.usual[n] && fits.height[n] < 3.0 * lines.usual[n];
     const Flags clean = each(all, [&](int n) { return seen[n] && fits.rms[n] < DISTURBED_RMS * noise; });
-    if (count(clean) >= LEAST_CLEAN * all && !changing) return {clean, clean, seen};
-    const double part = changing ? 0.3 : 0.1;
-    return {each(all, [&](int n) { return seen[n] && fits.rms[n] < 4.0 * noise + part * lines.usual[n]; }), clean,
-            seen};
+    if (count(clean) >= LEAST_CLEAN * all) return {clean, clean, seen};
+    return {each(all, [&](int n) { return seen[n] && fits.rms[n] < 4.0 * noise + 0.1 * lines.usual[n]; }), clean, seen};
 }
 
 // (N,) standard deviation across the antenna, from the residuals at each distance from the centre. Where along the
@@ -344,13 +304,12 @@ void calibrate(const Crossings& found, const Lines& lines, const Numbers& edge, 
 // What of the lines is kept, and how far to trust it.
 FittedLine fitted_line(const Crossings& found, const Lines& lines, const Measuring& how) {
     const int all = lines.centre.size();
-    const bool changing = how.polarity == 0;
-    const Selection chosen = selection(found, lines, changing);
+    const Selection chosen = selection(found, lines);
     FittedLine line = {lines.centre, lines.centre,
                        Numbers(all), Numbers(all),
                        chosen.kept,  lines.fits.height,
                        lines.noise,  lines.half_width_px / half_width_px(how.shapes.ordinary),
-                       changing,     0.0};
+                       false,        1.0};
     if (!any(line.kept)) return line;
     line.sigma_px = deviations(found, lines, count(chosen.clean) >= LEAST_PROFILES ? chosen.clean : chosen.kept);
     const Numbers edge = edge_doubt(found, lines, chosen.seen);
@@ -361,18 +320,10 @@ FittedLine fitted_line(const Crossings& found, const Lines& lines, const Measuri
         const double off = std::abs(lines.centre[n] - line.course[n]);
         line.kept[n] = line.kept[n] && off < std::max(STRAY * all_px[n] * found.stretch[n], STRAY_PX);
     }
-    line.kept = without_margins(line.kept, changing ? 1 : MARGIN_PX);
+    line.kept = without_margins(line.kept, MARGIN_PX);
     if (!any(line.kept)) return line;
     calibrate(found, lines, edge, line);
-    line.sure = total(selected(lines.sure, line.kept)) / count(line.kept);
     return line;
-}
-
-Lines lines_of(const Crossings& found, const Measuring& how) {
-    if (how.polarity == 0) return changing_lines(found, how, {});
-    Learned learned = learned_section(found, how);
-    if (learned.reflecting > 0.0) return changing_lines(learned.found, how, {learned.curve, learned.reflecting});
-    return symmetric_lines(std::move(learned), how);
 }
 
 }  // namespace
@@ -393,17 +344,18 @@ double shared_factor(const Numbers& normalised, const Numbers& trusted) {
 }
 
 std::optional<MeasuredLine> measured(const Picture& picture, ConstMatrix path_px, const Measuring& how) {
-    const double sign = how.polarity < 0 ? -1.0 : 1.0;
-    Crossings found = crossings(picture, path_px, how.half, sign);
+    Crossings found = crossings(picture, path_px, how.half, how.sign);
     if (count(found.inside) < LEAST_PROFILES) return {};
     if (how.taper != 0.0) found = in_widths(std::move(found), how);
-    Lines lines = lines_of(found, how);
+    Learned learned = learned_section(found, how);
+    const double lopsided = learned.lopsided;
+    Lines lines = symmetric_lines(std::move(learned), how);
     FittedLine line = fitted_line(found, lines, how);
     if (!any(line.kept)) return {};
-    Evidence seen = evidence(found, line, false);
-    const Look look = {std::move(lines.section), how.half, line.noise, sign};
+    Evidence seen = evidence(found, line);
+    const Look look = {std::move(lines.section), how.half, line.noise, how.sign};
     const VisibleEnd end = visible_end(picture, seen.guide, line.kept, look);
-    return MeasuredLine{std::move(line), std::move(seen), end};
+    return MeasuredLine{std::move(line), std::move(seen), end, lopsided};
 }
 
 }  // namespace vbaa::detect

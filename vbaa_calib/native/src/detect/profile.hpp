@@ -23,7 +23,7 @@ constexpr int END_PROFILES = 40;        // before the visible end, that show wha
 struct Measuring {
     double width_px;
     int half;      // profiles have 2·half + 1 pixels
-    int polarity;  // 1: brighter than its background, −1: darker, 0: here brighter, there darker
+    double sign;   // 1: brighter than its background, −1: darker
     double taper;  // part by which the antenna is broader at the path's end than at its start; 0 of a uniform one
     double quiet;  // the noise quantile of the root mean square of as many normal numbers as a profile has freedoms
     const Shapes& shapes;
@@ -33,6 +33,7 @@ struct MeasuredLine {
     FittedLine line;
     Evidence evidence;
     VisibleEnd end;
+    double lopsided_px = 0.0;  // by how much a highlight may pull it, of a broad line that no symmetric one fits
 };
 
 // By which factor what neighbours share makes means of runs scatter more than those of independent points: normalised

@@ -8,21 +8,25 @@ namespace vbaa::detect {
 namespace {
 
 constexpr double SEEN = 0.5;        // least probability
+constexpr double UNSURE = 0.4;      // part of the width up to which a point must be known
 constexpr double DISTURBED = 25.0;  // a profile with residuals so many times the noise shows something else
 constexpr int MARGIN_PX = 1;        // dropped on either side of a gap: they show part of what hides the antenna
 // Part of the width by which the line may be pulled in any case; deviations of a profile by which what is left alike
 // all along the line may pull it, were its variance the noise's.
 constexpr double PULLED = 0.0002, LEFT = 2.5, MOST_LEFT = 0.08;
+// Without colours light from one side looks like a shift: part of the width, over the share of such light in what the
+// ribbon shows.
+constexpr double LOPSIDED = 0.03;
 // Light, width and blur are never quite as the model has them. How far that moves the whole line shows in what
 // neighbours share of their scatter about it: so many deviations, where that power is more than that of noise alone.
 constexpr double MISFIT = 6.0, NOISE_ALONE = 0.6, LEAST_MISFIT = 0.25;
 
 // What in a ribbon's profiles is kept of a line.
-Flags kept_of(const Crossings& found, const Ribbon& ribbon) {
+Flags kept_of(const Crossings& found, const Ribbon& ribbon, double width_px) {
     const double half = 0.5 * (found.profiles.shape[1] - 1);
     return each(found.inside.size(), [&](int n) {
         return found.inside[n] && ribbon.seen[n] > SEEN && ribbon.rms[n] < DISTURBED &&
-               std::abs(ribbon.centre[n]) < half - 2.0;
+               ribbon.sigma_px[n] < UNSURE * width_px && std::abs(ribbon.centre[n]) < half - 2.0;
     });
 }
 
@@ -42,7 +46,7 @@ Numbers smooth_course(const Crossings& found, const Ribbon& ribbon, const Flags&
 // Sets the line's deviations to how the kept points scatter about the smooth course. A profile's pixels do not show by
 // how much noise that the camera has filtered, or a model that is not quite right, moves the line; its neighbours do.
 // What neighbours share shows in means of runs.
-void calibrate(const Crossings& found, const Ribbon& ribbon, double width_px, FittedLine& line) {
+void calibrate(const Crossings& found, const Ribbon& ribbon, const RibbonMeasuring& how, FittedLine& line) {
     const std::vector<int> kept = places(line.kept);
     const int count_kept = static_cast<int>(kept.size());
     Numbers off = each(count_kept, [&](int k) {
@@ -66,10 +70,17 @@ void calibrate(const Crossings& found, const Ribbon& ribbon, double width_px, Fi
     const double freed = std::sqrt(count_kept / std::max(count_kept - free, 0.5 * count_kept));
     for (double& each : line.sigma_px) each *= freed;
     const double misfit = MISFIT * std::sqrt(std::max(overall * factor - NOISE_ALONE, 0.0));
+    double one_sided = 0.0, whole = 1e-12;
+    for (int n : kept)
+        for (int k = 0; k < SHADES; ++k) {
+            whole += square(ribbon.shades(n, k));
+            if (k % 2) one_sided += square(ribbon.shades(n, k));
+        }
+    const double pulled = (PULLED + (how.channels > 1 ? 0.0 : LOPSIDED * std::sqrt(one_sided / whole))) * how.width_px;
     const Numbers shared = each(line.kept.size(), [&](int n) {
         const double left =
             LEFT * std::sqrt(found.profiles.shape[1] * std::min(ribbon.pattern, MOST_LEFT)) * ribbon.sigma_px[n];
-        return std::hypot(std::hypot(std::max(misfit, LEAST_MISFIT) * ribbon.shared_px[n], left), PULLED * width_px);
+        return std::hypot(std::hypot(std::max(misfit, LEAST_MISFIT) * ribbon.shared_px[n], left), pulled);
     });
     line.effective_px = each(line.kept.size(), [&](int n) {
         return std::sqrt(square(line.sigma_px[n]) * std::max(factor, 1.0) + SHARED_RUN * square(shared[n]));
@@ -87,7 +98,7 @@ CrossSection end_section(const Ribbon& ribbon, const Flags& kept, int reach_px) 
     double height = 1e-12;
     for (double each : mean) height += square(each);
     const Table shades = shade_table(ribbon.width_px, ribbon.blur_px, reach_px);
-    CrossSection section = {Table(shades.shape[0], 1), Table(shades.shape[0], 1), {}};
+    CrossSection section = {Table(shades.shape[0], 1), Table(shades.shape[0], 1)};
     for (int r = 0; r < shades.shape[0]; ++r) {
         const auto channel_sum = [&](ShadeKind kind) {
             const double* const of = &shades(r, kind * LANES);
@@ -113,7 +124,7 @@ std::optional<MeasuredLine> measured_ribbon(const Picture& picture, ConstMatrix 
                        Numbers(),
                        Numbers(),
                        Numbers(),
-                       kept_of(found, ribbon),
+                       kept_of(found, ribbon, how.width_px),
                        ribbon.height,
                        ribbon.noise,
                        ribbon.width_px / how.width_px,
@@ -127,9 +138,9 @@ std::optional<MeasuredLine> measured_ribbon(const Picture& picture, ConstMatrix 
     }
     line.kept = without_margins(line.kept, MARGIN_PX);
     if (!any(line.kept)) return {};
-    calibrate(found, ribbon, how.width_px, line);
+    calibrate(found, ribbon, how, line);
     line.sure = total(selected(ribbon.seen, line.kept)) / count(line.kept);
-    Evidence seen = evidence(found, line, how.channels > 1);
+    Evidence seen = evidence(found, line);
     const Look look = {end_section(ribbon, line.kept, how.half + 2), how.half, ribbon.noise, 1.0, ribbon.strongest};
     const VisibleEnd end = visible_end(picture, seen.guide, line.kept, look);
     return MeasuredLine{std::move(line), std::move(seen), end};
