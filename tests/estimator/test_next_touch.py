@@ -131,6 +131,21 @@ def test_all_of_a_touch_lies_within_the_limits_and_on_what_is_known() -> None:
         next_touch(table, rig, "surface", limits=JointLimits((0.5, 0.6), (0.5, 0.6)))
 
 
+def test_a_tapered_antenna_touches_with_its_own_radius_there() -> None:
+    table, rig = given("sphere", RIGID, 37)
+    antenna = replace(rig.antenna, profile=((0.0, rig.antenna.diameter_m), (rig.antenna.length_m, 1e-4)))
+    thin = replace(rig, antenna=antenna)
+    reach = _touches_within(table, thin, "surface", LIMITS).reach
+    touches = touches_of(table, shared_errors(thin, table))
+    found = fitted(touches, antenna.radius_at(touches.distance_m))[0]
+    (patch,) = found.patches
+    local = (reach.point_m - patch.center_m) @ patch.frame.T
+    off = np.sum((reach.point_m - found.along_curve(0, local[:, 0])[0]) * reach.normal, axis=1)
+    give = found.state.compliance_m_N * np.linalg.norm(reach.force_N, axis=1)
+    radius = antenna.radius_at(reach.unknowns[:, 0] * antenna.length_m)
+    np.testing.assert_allclose(off + give, radius, atol=2e-6)
+
+
 @pytest.mark.slow
 def test_the_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table, rig = given("sphere", RIGID, 74)

@@ -32,7 +32,7 @@ from vbaa_calib.antenna.shape import CONTACT, Curves
 from vbaa_calib.core.arrays import Rows, gate, spread_evenly
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry.covariance import variance_along
-from vbaa_calib.rig import Rig
+from vbaa_calib.rig import Antenna, Rig
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def _bent(arrays: RigArrays, joints_rad: np.ndarray, unknowns: np.ndarray) -> Cu
 
 
 def _against(
-    found: SurfaceFit, patch: np.ndarray, bent: Curves, radius_m: float
+    found: SurfaceFit, patch: np.ndarray, bent: Curves, antenna: Antenna
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Gap (B,) between antennas and their patches, m, 0 (B,) where the antenna is tangential, and outward normal (B,
     3)."""
@@ -142,8 +142,8 @@ def _against(
             off = np.column_stack([np.zeros(len(x)), local[:, 1:] - height])
             gap = np.sum(off * normal, axis=1)
             flat = np.sum(off * np.cross(normal, along), axis=1) / _TouchSettings.place_m
-        gaps[m], tilts[m], normals[m] = gap - radius_m, flat, normal @ one.frame
-    return gaps, tilts, normals
+        gaps[m], tilts[m], normals[m] = gap, flat, normal @ one.frame
+    return gaps - antenna.radius_at(bent.arclength_m[:, CONTACT]), tilts, normals
 
 
 def _surface_std(found: SurfaceFit, patch: np.ndarray, point_m: np.ndarray, normal: np.ndarray) -> np.ndarray:
@@ -183,7 +183,7 @@ def _reachable(
     label = np.empty(len(found.touches), int)
     for index, one in enumerate(found.patches):
         label[one.members] = index
-    radius, length = 0.5 * arrays.rig.antenna.diameter_m, arrays.length_m
+    antenna, length = arrays.rig.antenna, arrays.length_m
     at = joints_rad[rows]
     across, speed = _ways(arrays, at, found.touches.point_m[rows], found.normals.normal[rows])
     extent = np.array([np.linalg.norm(np.ptp(found.point_m[one.members], axis=0)) for one in found.patches])
@@ -199,7 +199,7 @@ def _reachable(
     def free(x: np.ndarray) -> np.ndarray:
         unknowns = np.zeros((len(x), UNKNOWNS))
         unknowns[:, 0] = np.clip(x[:, 0], _TouchSettings.nearest, 1.0)
-        gap, flat, _ = _against(found, patch, _bent(arrays, start + x[:, 1:] * press, unknowns), radius)
+        gap, flat, _ = _against(found, patch, _bent(arrays, start + x[:, 1:] * press, unknowns), antenna)
         return np.column_stack([gap / _TouchSettings.place_m, flat])
 
     first = _newton(free, np.column_stack([distance, np.zeros(len(row))]))
@@ -208,14 +208,13 @@ def _reachable(
     unknowns = np.zeros((len(row), UNKNOWNS))
     unknowns[:, 0] = np.clip(np.nan_to_num(first[:, 0], nan=0.5), _TouchSettings.nearest, 1.0)
     begun = _bent(arrays, np.nan_to_num(touch), unknowns)
-    _, _, normal = _against(found, patch, begun, radius)
+    _, _, normal = _against(found, patch, begun, antenna)
     std = _surface_std(found, patch, begun.contact_m, normal)
     bound_m = np.array([surely_known_m(found, index) for index in range(len(found.patches))])[patch]
     known &= std <= bound_m
     lever = _ways(arrays, np.nan_to_num(touch), begun.contact_m, np.nan_to_num(normal))[1][:, 0]
     begin = touch - ((_TouchSettings.clear_m + 3.0 * std) / lever)[:, None] * press
     for level, slope in enumerate(np.radians(_TouchSettings.slopes_deg)):
-        antenna = arrays.rig.antenna
         size = 2.0 * antenna.stiffness_Nm2 * slope / (unknowns[:, 0] * length) ** 2
         size /= antenna.taper.turning(unknowns[:, 0])
         pressed_rad = 2.0 / 3.0 * slope * first[:, 0] * length / lever
@@ -229,7 +228,7 @@ def _reachable(
         known = known & np.isfinite(made).all(axis=1) & inside & (std <= bound_m)
         known &= np.sum(bent.force_N * outward, axis=1) > 0.0
         allowed = known & limits.hold(*pressed.T) & limits.hold(*begin.T)
-        allowed[allowed] = _clear(found, patch[allowed], bent.points_m[allowed], radius)
+        allowed[allowed] = _clear(found, patch[allowed], bent.points_m[allowed], 0.5 * antenna.diameter_m)
         part = _Reach(
             *(pressed, begin, touch, patch, made, row, sweep, np.full(len(row), level)),
             *(bent.contact_m, outward, bent.tangents[:, CONTACT], bent.force_N),
@@ -243,7 +242,7 @@ def _pressed(
 ) -> tuple[np.ndarray, Curves, np.ndarray]:
     """Unknowns (B, 4) of antennas in frictionless contact with the surface, NaN where there is none, their shapes,
     and the surface's normals (B, 3)."""
-    radius, scale = 0.5 * arrays.rig.antenna.diameter_m, np.linalg.norm(start[:, 1:], axis=1)
+    antenna, scale = arrays.rig.antenna, np.linalg.norm(start[:, 1:], axis=1)
 
     def unknowns_of(x: np.ndarray) -> np.ndarray:
         force = scale[:, None] * x[:, 1:]
@@ -251,7 +250,7 @@ def _pressed(
 
     def residual(x: np.ndarray) -> np.ndarray:
         bent = _bent(arrays, joints_rad, unknowns_of(x))
-        gap, flat, normal = _against(found, patch, bent, radius)
+        gap, flat, normal = _against(found, patch, bent, antenna)
         give = found.state.compliance_m_N * np.sum(bent.force_N * normal, axis=1)
         side = np.sum(bent.force_N * np.cross(normal, bent.tangents[:, CONTACT]), axis=1)
         size = np.linalg.norm(bent.force_N, axis=1)
@@ -260,7 +259,7 @@ def _pressed(
     x = _newton(residual, np.column_stack([start[:, 0], start[:, 1:] / scale[:, None]]))
     unknowns = unknowns_of(x)
     bent = _bent(arrays, joints_rad, unknowns)
-    return unknowns, bent, _against(found, patch, bent, radius)[2]
+    return unknowns, bent, _against(found, patch, bent, antenna)[2]
 
 
 def _carried(arrays: RigArrays, joints_rad: np.ndarray, to_rad: np.ndarray, point_m: np.ndarray) -> np.ndarray:

@@ -330,11 +330,11 @@ def follow(
         shared = CommonErrors.none(table) if rig is None else shared_errors(rig, table)
     ringing = _ringing_frames(table)
     state, changes, pooled = contact_states(table, ringing)
-    kinematics, radius = (
-        (Kinematics(), TrackSettings.radius_m) if rig is None else (rig.kinematics, 0.5 * rig.antenna.diameter_m)
-    )
+    kinematics = Kinematics() if rig is None else rig.kinematics
     phase = np.select([state == 1, state == 0], ["touching", "free"], "unknown").astype("<U8")
-    count, good = len(table), table.located & (state == 1) & np.isfinite(table.time_s)
+    count = len(table)
+    radius = np.full(count, TrackSettings.radius_m) if rig is None else rig.antenna.radius_at(table.distance_m)
+    good = table.located & (state == 1) & np.isfinite(table.time_s)
     good &= np.isfinite(table.point_world_m).all(axis=1) & np.isfinite(table.tangent_world).all(axis=1)
     strokes = runs(table, np.flatnonzero(good), state == 0, np.empty(0))
     velocity, covariance, std, parts = (np.full((count, *shape), np.nan) for shape in ((3,), (3, 3), (), (2,)))
@@ -342,7 +342,7 @@ def follow(
         moving = _slip(table, rows, shared, kinematics, None if normal_world is None else normal_world[rows])
         velocity[rows], covariance[rows], parts[rows] = moving.velocity_m_s, moving.covariance_m2_s2, moving.parts_m_s
         std[rows] = largest_std(moving.parts_m2_s2)
-        phase[rows] = _phases(moving, radius)
+        phase[rows] = _phases(moving, radius[rows])
     # in which there is evidence
     decisive = np.flatnonzero((state >= 0) & np.isfinite(table.evidence))
     happened = [_change(table, state, change, decisive) for change in changes] if events else []
@@ -388,8 +388,8 @@ def _notes(table: ContactTable, pooled: bool, shared: CommonErrors) -> list[str]
     return notes
 
 
-def _phases(slip: _Slip, antenna_radius_m: float) -> np.ndarray:
-    """(P,) phase of each frame of a stroke; "touching" if undetermined."""
+def _phases(slip: _Slip, antenna_radius_m: np.ndarray) -> np.ndarray:
+    """(P,) phase of each frame of a stroke; "touching" if undetermined. antenna_radius_m : (P,) at the contacts."""
     speed = np.linalg.norm(slip.velocity_m_s, axis=1)
     # its deviation: along the slip where that is clear, else the larger of all directions
     widest = largest_std(slip.parts_m2_s2)
