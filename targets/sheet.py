@@ -106,17 +106,6 @@ class Label:
     turned: bool = False
 
 
-@dataclass(frozen=True)
-class Drawing:
-    """A page: x from its left edge to the right, y from its top edge down, mm."""
-
-    width_mm: float
-    height_mm: float
-    marks: tuple[Area | Stroke | Label, ...]
-    title: str
-    subject: str
-
-
 def board_id(spec: BoardWithIds) -> str:
     """Eight hexadecimal digits that identify the print.
 

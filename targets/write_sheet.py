@@ -14,7 +14,7 @@ from reportlab.graphics.barcode import qrencoder
 from reportlab.pdfgen.canvas import FILL_EVEN_ODD, Canvas
 
 from .board import AprilGrid, BoardWithIds, opencv_board, spec_line
-from .sheet import PT_PER_MM, Area, Drawing, Label, Loop, SheetLayout, Stroke, font_name
+from .sheet import PT_PER_MM, Area, Label, Loop, SheetLayout, Stroke, font_name
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,8 @@ def _placed(loops: tuple[Loop, ...], scale: float, x: float, y: float) -> tuple[
     return tuple(tuple((x + scale * u, y + scale * v) for u, v in loop) for loop in loops)
 
 
-def draw(spec: BoardWithIds, layout: SheetLayout) -> Drawing:
+def _drawn(spec: BoardWithIds, layout: SheetLayout) -> list[Area | Stroke | Label]:
+    """The marks on a page: x from its left edge to the right, y from its top edge down, mm."""
     marks: list[Area | Stroke | Label] = [
         _placed(shape, 1.0, layout.board_x, layout.board_y) for shape in _board_shapes(spec)
     ]
@@ -112,8 +113,7 @@ def draw(spec: BoardWithIds, layout: SheetLayout) -> Drawing:
     # the quiet zone is within the code's room, so that the code ends at the margin
     module = layout.qr / (len(dark) + _RULER.qr_quiet)
     qr = _placed(_outlines(dark), module, layout.width - layout.margin - module * len(dark), layout.margin)
-    marks += [*_ruler(layout, turned=False), *_ruler(layout, turned=True), *layout.header, qr]
-    return Drawing(layout.width, layout.height, tuple(marks), layout.header[0].text, spec_line(spec))
+    return [*marks, *_ruler(layout, turned=False), *_ruler(layout, turned=True), *layout.header, qr]
 
 
 def _ruler_origin(layout: SheetLayout) -> tuple[float, float, float, float]:
@@ -148,19 +148,19 @@ def _ruler(layout: SheetLayout, turned: bool) -> Iterator[Stroke | Label]:
     yield Label(*at(length + size * _RULER.unit_mm, numbers), "mm", letters, turned=turned)
 
 
-def as_pdf(drawing: Drawing) -> bytes:
-    """The PDF of a drawing; the same drawing gives the same bytes."""
+def as_pdf(spec: BoardWithIds, layout: SheetLayout) -> bytes:
+    """The PDF of a board's sheet; the same board and layout give the same bytes."""
     stream = io.BytesIO()
-    size = drawing.width_mm * PT_PER_MM, drawing.height_mm * PT_PER_MM
+    size = layout.width * PT_PER_MM, layout.height * PT_PER_MM
     canvas = Canvas(stream, pagesize=size, invariant=1, pageCompression=1, lang="en")
-    canvas.setTitle(drawing.title)
-    canvas.setSubject(drawing.subject)
+    canvas.setTitle(layout.header[0].text)
+    canvas.setSubject(spec_line(spec))
     canvas.setAuthor("vbaa-calib")
     canvas.setCreator("vbaa board")
     canvas.setKeywords("calibration board")
     canvas.setViewerPreference("PrintScaling", "None")
-    for mark in drawing.marks:
-        _put(canvas, mark, drawing.height_mm)
+    for mark in _drawn(spec, layout):
+        _put(canvas, mark, layout.height)
     canvas.showPage()
     canvas.save()
     return stream.getvalue()
@@ -189,19 +189,19 @@ def _put(canvas: Canvas, mark: Area | Stroke | Label, height: float) -> None:
         canvas.restoreState()
 
 
-def as_svg(drawing: Drawing) -> str:
-    """The SVG of a drawing; one user unit is one millimetre."""
-    width, height = (_number(side) for side in (drawing.width_mm, drawing.height_mm))
+def as_svg(spec: BoardWithIds, layout: SheetLayout) -> str:
+    """The SVG of a board's sheet; one user unit is one millimetre."""
+    width, height = (_number(side) for side in (layout.width, layout.height))
     return "\n".join(
         [
             '<?xml version="1.0" encoding="UTF-8"?>',
             f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}mm" height="{height}mm" '
             f'viewBox="0 0 {width} {height}">',
-            f"<title>{escape(drawing.title)}</title>",
-            f"<desc>{escape(drawing.subject)}</desc>",
+            f"<title>{escape(layout.header[0].text)}</title>",
+            f"<desc>{escape(spec_line(spec))}</desc>",
             f'<rect width="{width}" height="{height}" fill="#fff"/>',
             '<g fill="#000" fill-rule="evenodd" font-family="Helvetica, Arial, sans-serif">',
-            *(_element(mark) for mark in drawing.marks),
+            *(_element(mark) for mark in _drawn(spec, layout)),
             "</g>",
             "</svg>",
             "",

@@ -47,13 +47,8 @@ class _ClockSettings:
     bend_noise: float = 1e-3  # of another camera's bends, in their standard deviation: pictures show them better
 
 
-@dataclass(frozen=True)
-class _ClockOffset:
-    """Offset to add to the readings' times, s, its standard deviation, and the number of pictures used."""
-
-    offset_s: float
-    std_s: float
-    frames: int
+_ClockOffset = tuple[float, float, int]
+"""Offset to add to the readings' times, s, its standard deviation, and the number of pictures used."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,14 +177,16 @@ def _camera_offset(
         # how well a bend is known shows in how it scatters about the other
         readings = _Readings(times_s, bend, float(np.median(np.diff(times_s))), is_moment=False)
         farthest_s = _ClockSettings.apart_s if apart else _ClockSettings.farthest_s
-        found = _followed(one, own, readings, _ClockSettings.bend_noise * float(np.std(bend)), farthest_s)
+        offset_s, std_s, frames = _followed(
+            one, own, readings, _ClockSettings.bend_noise * float(np.std(bend)), farthest_s
+        )
     except InputError:
         what = (
             f"the clock of {camera} cannot be estimated: {len(own)} and {len(seen)} pictures of {first} and {camera} "
         )
         remedy = f"state it (--camera-offset {camera}=SECONDS), or record some quick presses and estimate it there"
         raise InputError(f"{what}do not bend alike at one offset alone", remedy=remedy) from None
-    return replace(found, offset_s=about_s + found.offset_s)
+    return about_s + offset_s, std_s, frames
 
 
 def _joined(source: MessageSource, read: Sequence[Reading], offset_s: float) -> MessageSource:
@@ -226,8 +223,8 @@ def _from_readings(
     moments = [(each.time_s, each.value) for each in read if each.channel == "moment_Nm"]
     times_s, first = np.unique([time_s for time_s, _ in moments], return_index=True)
     values = np.array([moment_Nm for _, moment_Nm in moments])[first]
-    found = _clock_offset(estimator, measured, times_s + about_s, values, farthest_s)
-    return replace(found, offset_s=about_s + found.offset_s)
+    offset_s, std_s, frames = _clock_offset(estimator, measured, times_s + about_s, values, farthest_s)
+    return about_s + offset_s, std_s, frames
 
 
 def _clock_offset(
@@ -298,7 +295,7 @@ def _followed(
     found = _judged(windows, readings, offset_s, noise_Nm)
     for other in rivals:
         if other[0] < _ClockSettings.other_ratio * cost and abs(other[1] - offset_s) > max(
-            5.0 * found.std_s, 10.0 * _ClockSettings.steps_s[0]
+            5.0 * found[1], 10.0 * _ClockSettings.steps_s[0]
         ):
             what = f"{other[1]:+.2f} s fits about as well as {offset_s:+.2f} s, as when a motion repeats itself"
             raise _refused(what)
@@ -432,7 +429,7 @@ def _judged(windows: _Windows, readings: _Readings, offset_s: float, noise_Nm: f
     if not std_s <= _ClockSettings.most_std_s:
         known = f"it is known to {1e3 * std_s:.0f} ms only" if np.isfinite(std_s) else "nothing moves"
         raise _refused(f"{known}: the moment changes too little, or too slowly, while the antenna is seen to bend")
-    return _ClockOffset(offset_s, std_s, count)
+    return offset_s, std_s, count
 
 
 def _with_neighbours(score: np.ndarray) -> float:

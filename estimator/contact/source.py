@@ -98,8 +98,8 @@ class _Stream:
         support it."""
         if not self.timing.estimate_offset:
             return self
-        found = recorded_clock_offset(estimator, self.opened, self.timing, ground)
-        return replace(self, timing=replace(self.timing, offset_s=found.offset_s, offset_std_s=found.std_s))
+        offset_s, std_s, _ = recorded_clock_offset(estimator, self.opened, self.timing, ground)
+        return replace(self, timing=replace(self.timing, offset_s=offset_s, offset_std_s=std_s))
 
 
 @dataclass(frozen=True, eq=False)
@@ -316,15 +316,9 @@ def _free_frames(session: Session, rig: Rig) -> list[Still]:
 # shutter reads the rows one after the other: a point lies where the antenna is when its row is read, not the clamp's.
 
 
-@dataclass(frozen=True)
-class _Movement:
-    """Largest motion of the antenna during exposure and readout, px; the resulting error of points, px and in
-    standard deviations."""
-
-    exposure_px: float = 0.0
-    readout_px: float = 0.0
-    off_px: float = 0.0
-    off_std: float = 0.0
+_Movement = tuple[float, float, float, float]
+"""Largest motion of the antenna during exposure and readout, px; the resulting error of points, px and in standard
+deviations."""
 
 
 def _marked_by_shutter(found: Iterable[FrameContact], shutter: Shutter, rows: int) -> Iterator[FrameContact]:
@@ -341,12 +335,8 @@ def _marked_by_shutter(found: Iterable[FrameContact], shutter: Shutter, rows: in
             # an antenna that comes to rest, or starts from it, may be at rest in the picture itself
             others = (other for other in (before, item) if other is not None)
             moved = [_movement(waiting, other, shutter, rows) for other in others]
-            yield _marked(waiting, min(moved, key=_carried_px, default=_Movement()))
+            yield _marked(waiting, min(moved, key=lambda one: one[0] + one[1], default=(0.0, 0.0, 0.0, 0.0)))
         before, waiting = waiting, item
-
-
-def _carried_px(moved: _Movement) -> float:
-    return moved.readout_px + moved.exposure_px
 
 
 def _movement(item: FrameContact, other: FrameContact, shutter: Shutter, rows: int) -> _Movement:
@@ -354,7 +344,7 @@ def _movement(item: FrameContact, other: FrameContact, shutter: Shutter, rows: i
     after_s = abs(other.frame.time_s - item.frame.time_s)
     here, there = item.measured.points_px, other.measured.points_px
     if len(here) < 2 or len(there) < 2 or not after_s > 0.0:
-        return _Movement()
+        return 0.0, 0.0, 0.0, 0.0
     # points that are listed in no order make a path of any length
     spacing_px = max(0.1, float(arc_lengths(there)[-1]) / (100 * rows))
     from scipy.spatial import cKDTree  # slow to load
@@ -366,19 +356,19 @@ def _movement(item: FrameContact, other: FrameContact, shutter: Shutter, rows: i
     worst = int((off / item.measured.sigma_px).argmax())
     most = float(speed.max())
     std = float(off[worst] / item.measured.sigma_px[worst])
-    return _Movement(most * shutter.exposure_s, most * shutter.readout_s, float(off[worst]), std)
+    return most * shutter.exposure_s, most * shutter.readout_s, float(off[worst]), std
 
 
 def _marked(item: FrameContact, moved: _Movement) -> FrameContact:
-    contact = item.contact
-    if contact.status in LOCATED and moved.off_std > ContactSettings.carried:
+    contact, (exposure_px, readout_px, off_px, off_std) = item.contact, moved
+    if contact.status in LOCATED and off_std > ContactSettings.carried:
         reason = (
-            f"the antenna moves by {moved.readout_px:.1f} px while the sensor is read out, which puts points "
-            f"{moved.off_px:.2f} px off, {moved.off_std:.0f} std: move slower, or use a global shutter"
+            f"the antenna moves by {readout_px:.1f} px while the sensor is read out, which puts points "
+            f"{off_px:.2f} px off, {off_std:.0f} std: move slower, or use a global shutter"
         )
         contact = in_motion(contact, reason)
-    elif moved.exposure_px > ContactSettings.blurred_px:
-        blur = f"moves by {moved.exposure_px:.0f} px during the exposure: expose shorter, or move slower"
+    elif exposure_px > ContactSettings.blurred_px:
+        blur = f"moves by {exposure_px:.0f} px during the exposure: expose shorter, or move slower"
         contact = replace(
             contact, reason="; ".join(reason for reason in (contact.reason, f"the antenna {blur}") if reason)
         )

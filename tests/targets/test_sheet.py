@@ -11,7 +11,7 @@ import pytest
 
 from targets.board import BoardSpec, corner_points, opencv_board, spec_line
 from targets.sheet import SheetLayout, lay_out, paper_named
-from targets.write_sheet import _board_shapes, _ruler_origin, as_pdf, draw, on_screen
+from targets.write_sheet import _board_shapes, _ruler_origin, as_pdf, on_screen
 from vbaa_calib.detect.board.board_file import load_board
 
 A4_BOARD = BoardSpec(11, 7, 0.020, 0.015)
@@ -21,7 +21,7 @@ PITCH_MM = 0.02
 def drawn(spec: BoardSpec, paper: str, dpi: float) -> tuple[np.ndarray, SheetLayout, np.ndarray]:
     """The PDF as PDFium draws it, grey; the layout; pixels per mm along x and y."""
     layout = lay_out(spec, paper_named(paper))
-    page = pypdfium2.PdfDocument(as_pdf(draw(spec, layout)))[0]
+    page = pypdfium2.PdfDocument(as_pdf(spec, layout))[0]
     picture = page.render(scale=dpi / 72, grayscale=True).to_numpy().squeeze()
     size_mm = np.array(page.get_size()) * 25.4 / 72
     np.testing.assert_allclose(size_mm, (layout.width, layout.height), atol=1e-3)

@@ -100,7 +100,7 @@ def _refuse_flags(args: argparse.Namespace, names: tuple[str, ...], why: str) ->
 def _for_paper(args: argparse.Namespace, kind: str) -> dict[str, Any]:
     from targets.board import AprilGrid
     from targets.sheet import SHEET, lay_out, paper_name, paper_named
-    from targets.write_sheet import as_pdf, as_svg, draw
+    from targets.write_sheet import as_pdf, as_svg
 
     paper = paper_named("A4" if args.paper is None else args.paper)
     margin = SHEET.margin_mm if args.margin_mm is None else args.margin_mm
@@ -109,8 +109,8 @@ def _for_paper(args: argparse.Namespace, kind: str) -> dict[str, Any]:
     )
     layout = lay_out(spec, paper, margin)
     description = _description(args, spec, changed=False)
-    drawing = draw(spec, layout)
-    result = _write(args, as_pdf(drawing) if kind == ".pdf" else as_svg(drawing).encode(), spec, description) | {
+    sheet = as_pdf(spec, layout) if kind == ".pdf" else as_svg(spec, layout).encode()
+    result = _write(args, sheet, spec, description) | {
         "paper": paper_name(paper),
         "orientation": layout.orientation,
         "page_mm": [layout.width, layout.height],

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from targets.sheet import fill_in, lay_out, paper_named, spec_document
-from targets.write_sheet import as_pdf, draw
+from targets.write_sheet import as_pdf
 from vbaa_calib.calibrate.pose.board_pose import solve_board_pose
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
@@ -244,7 +244,7 @@ def _make_board(store: Store, answers: Mapping[str, Any]) -> dict[str, Any]:
     paper = paper_named(str(answers["paper"]))
     spec = fill_in(paper=paper)
     layout = lay_out(spec, paper)
-    store.write(_SHEET, as_pdf(draw(spec, layout)))
+    store.write(_SHEET, as_pdf(spec, layout))
     store.write(BOARD, spec_document(spec, f"as the wizard drew it in {_SHEET}").encode())
     return {"measure_x_mm": layout.ruler_x, "measure_y_mm": layout.ruler_y}
 

@@ -6,6 +6,7 @@ import argparse
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -165,17 +166,18 @@ def clocked(
                 )
 
             views_of(args, estimator.rig)
-            found = recorded_clock_offset(estimator, opened, timing, ground, name)
-            args.camera_offset[place] = f"{name}={found.offset_s}"
-            say(f"{name}'s clock: {found.offset_s:+.4f} s (± {1e3 * found.std_s:.1f} ms) are added to its times")
+            offset_s, std_s, _ = recorded_clock_offset(estimator, opened, timing, ground, name)
+            args.camera_offset[place] = f"{name}={offset_s}"
+            say(f"{name}'s clock: {offset_s:+.4f} s (± {1e3 * std_s:.1f} ms) are added to its times")
     if args.clock_offset != ESTIMATE:
         return timing
-    found = recorded_clock_offset(estimator, lambda: recorded(args, path, estimator.rig, timing), timing, ground)
+    whole = partial(recorded, args, path, estimator.rig, timing)
+    offset_s, std_s, frames = recorded_clock_offset(estimator, whole, timing, ground)
     say(
-        f"the readings' clock: {found.offset_s:+.4f} s (± {1e3 * found.std_s:.1f} ms) are added to their times, by "
-        f"{found.frames} pictures"
+        f"the readings' clock: {offset_s:+.4f} s (± {1e3 * std_s:.1f} ms) are added to their times, by "
+        f"{frames} pictures"
     )
-    return replace(timing, offset_s=found.offset_s, offset_std_s=found.std_s)
+    return replace(timing, offset_s=offset_s, offset_std_s=std_s)
 
 
 def _topics_of(args: argparse.Namespace) -> Topics:

@@ -244,21 +244,22 @@ def _slip_events(table: ContactTable, phase: np.ndarray, strokes: Sequence[np.nd
 
 def _change(table: ContactTable, state: np.ndarray, change: ContactChange, decisive: np.ndarray) -> Event:
     """A first contact or a loss, timed by the growth of the deflection. decisive : (T,) informative frames."""
-    kind, what = ("first_contact", "first contact") if change.begins else ("loss", "contact is lost")
-    frame, decided = int(table.frame[change.row]), float(table.time_s[change.row])
+    row, begins, known_before, pooled = change
+    kind, what = ("first_contact", "first contact") if begins else ("loss", "contact is lost")
+    frame, decided = int(table.frame[row]), float(table.time_s[row])
     time = std = np.nan
     words = f"in contact from frame {frame} on, the first informative frame: when it began is undetermined"
-    if len(change.known_before):
+    if len(known_before):
         words = f"{what} with frame {frame}: without usable times"
         growth = _growth(table, state, change, decisive)
         if growth is None:
-            low = float(table.time_s[change.known_before[-1]])
+            low = float(table.time_s[known_before[-1]])
             time, std = 0.5 * (low + decided), (decided - low) / np.sqrt(12.0)
             how = "anywhere between that frame and the one before"
         else:
             time, std = _instant(growth)
-            time = time if change.begins else -time
-            how = "by several frames together" if change.pooled else ""
+            time = time if begins else -time
+            how = "by several frames together" if pooled else ""
     if not std > 0.0:
         return Event(kind, frame, np.nan, np.nan, np.nan, words)
     delay = max(decided - time, 0.0)  # noise may end a fading contact a frame too early
@@ -269,10 +270,10 @@ def _change(table: ContactTable, state: np.ndarray, change: ContactChange, decis
 
 def _growth(table: ContactTable, state: np.ndarray, change: ContactChange, decisive: np.ndarray) -> _Growth | None:
     """The growth of contact over the informative frames (T,) around a change; time-reversed for a loss."""
-    time = table.time_s
-    place = int(np.searchsorted(decisive, change.row))
-    if change.begins:
-        free = np.array(baseline_candidates(change.known_before.tolist()), int)
+    time, (row, begins, known_before, _) = table.time_s, change
+    place = int(np.searchsorted(decisive, row))
+    if begins:
+        free = np.array(baseline_candidates(known_before.tolist()), int)
         early, late = (
             decisive[max(place - TrackSettings.frames_before, 0) : place],
             decisive[place : place + TrackSettings.frames_after],
@@ -290,7 +291,7 @@ def _growth(table: ContactTable, state: np.ndarray, change: ContactChange, decis
     rows = np.concatenate([early, late])
     if not (np.isfinite(time[rows]).all() and (np.diff(time[np.sort(rows)]) > 0.0).all()):
         return None
-    sign = 1.0 if change.begins else -1.0
+    sign = 1.0 if begins else -1.0
     located = late[
         np.isin(table.status[late], LOCATED) & (np.abs(time[late] - time[late[0]]) <= TrackSettings.force_s)
     ][: TrackSettings.most_forces]
@@ -346,11 +347,11 @@ def follow(
     # in which there is evidence
     decisive = np.flatnonzero((state >= 0) & np.isfinite(table.evidence))
     happened = [_change(table, state, change, decisive) for change in changes] if events else []
-    for change, event in zip(changes, happened, strict=events):
+    for (_, begins, known_before, _), event in zip(changes, happened, strict=events):
         if np.isfinite(event.time_s):  # frames between a change and its detection belong to what follows
-            late = change.known_before[table.time_s[change.known_before] > event.time_s]
+            late = known_before[table.time_s[known_before] > event.time_s]
             late = late[np.isin(phase[late], ("free", "touching"))]
-            phase[late] = "touching" if change.begins else "free"
+            phase[late] = "touching" if begins else "free"
     happened += _slip_events(table, phase, strokes)
     happened += _ringing_events(table, ringing, None if rig is None else Beam.of(rig))
     time_of = dict(zip(table.frame.tolist(), table.time_s.tolist(), strict=True))

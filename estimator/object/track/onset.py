@@ -119,14 +119,10 @@ class Track:
     notes: tuple[str, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class ContactChange:
-    """A change between the free antenna and contact."""
-
-    row: int  # of the frame with which it was decided
-    begins: bool  # a contact begins; else it is lost
-    known_before: np.ndarray  # (K,) frames in the state before, empty where that was never seen
-    pooled: bool  # several frames together show it, none alone
+ContactChange = tuple[int, bool, np.ndarray, bool]
+"""A change between the free antenna and contact: row of the frame with which it was decided; whether a contact begins,
+else it is lost; (K,) frames in the state before, empty where that was never seen; whether several frames together show
+it, none alone."""
 
 
 def contact_states(table: ContactTable, ringing: np.ndarray) -> tuple[np.ndarray, tuple[ContactChange, ...], bool]:
@@ -150,7 +146,7 @@ def contact_states(table: ContactTable, ringing: np.ndarray) -> tuple[np.ndarray
         if table.time_s[row] - last > TrackSettings.gap_s:
             now, run = -1, []
         last, alone = float(table.time_s[row]), int(contact_by_status[row])
-        before = changes[-1].known_before if changes and changes[-1].begins else np.empty(0, int)
+        before = changes[-1][2] if changes and changes[-1][1] else np.empty(0, int)
         # the last free frames in poses like this frame's; none where the joints are not known
         base = np.array(baseline_candidates(run if now == 0 else before.tolist()), int)
         base = base[
@@ -170,7 +166,7 @@ def contact_states(table: ContactTable, ringing: np.ndarray) -> tuple[np.ndarray
             found = 1 if alone == 1 or several else 0
         if found != now:
             if now != -1 or found == 1:
-                changes.append(ContactChange(row, found == 1, np.array(run, int), alone == 0 and found == 1))
+                changes.append((row, found == 1, np.array(run, int), alone == 0 and found == 1))
             now, run = found, []
         run.append(row)
         state[row] = now

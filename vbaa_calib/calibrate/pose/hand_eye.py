@@ -182,8 +182,9 @@ class _HandEyeRows(NamedTuple):
     errors: np.ndarray  # (V, 6) turns and shifts at the state
     cost: float  # of all corners and the robot, the lens fixed
 
-    def normal(self, std: np.ndarray) -> _Normal:
-        """The normal equations of X, Z and lens, with the robot's errors eliminated."""
+    def normal(self, std: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, np.ndarray, np.ndarray, float]:
+        """The normal equations A·step = b of X, Z and lens, with the robot's errors eliminated, and the sum of squares
+        at step 0; residuals (V, 6), their covariances (V, 6, 6), and the sum of these' log determinants."""
         # what would be seen of a robot without errors
         left = self.residuals + np.einsum("vij,vj->vi", self.by_error, self.errors)
         V = std[2] ** 2 * np.eye(6) + (self.by_error * std[:2].repeat(3) ** 2) @ np.swapaxes(self.by_error, 1, 2)
@@ -192,19 +193,7 @@ class _HandEyeRows(NamedTuple):
         product = np.einsum("vki,vkj->ij", rows, rows)
         A = product[:-1, :-1] + np.diag(np.arange(len(product) - 1) >= _SHARED).astype(float)
         spread = -2.0 * float(np.log(np.diagonal(root, axis1=1, axis2=2)).sum())
-        return _Normal(A, product[:-1, -1], float(product[-1, -1]), left, V, spread)
-
-
-class _Normal(NamedTuple):
-    """Normal equations A·step = b and the sum of squares at step 0. left : (V, 6) residuals, V : (V, 6, 6) their
-    covariances, with the sum of their log determinants."""
-
-    A: np.ndarray
-    b: np.ndarray
-    square: float
-    left: np.ndarray
-    V: np.ndarray
-    log_determinant: float
+        return A, product[:-1, -1], float(product[-1, -1]), left, V, spread
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,7 +211,7 @@ class _HandEyeSolution:
     def covariance_for(self, std: np.ndarray) -> np.ndarray:
         """Covariance (12, 12) of the tangents of X and Z for the standard deviations `std`, with the lens's
         uncertainty."""
-        A = self.rows.normal(std).A
+        A = self.rows.normal(std)[0]
         own = solve_scaled(A[:_SHARED, :_SHARED], np.eye(_SHARED))
         by_lens = own @ A[:_SHARED, _SHARED:]
         return own + by_lens @ by_lens.T
@@ -327,11 +316,11 @@ class _HandEyeProblem:
         variance = std[:2].repeat(3) ** 2
 
         def step(at: _HandEyeRows, damping: float) -> tuple[np.ndarray, float]:
-            normal = at.normal(std)
-            A, b = normal.A[:_SHARED, :_SHARED], normal.b[:_SHARED]
+            A, b, _, left, V, _ = at.normal(std)
+            A, b = A[:_SHARED, :_SHARED], b[:_SHARED]
             move = solve_scaled(A, b, damping)
-            left = normal.left - at.by_shared[..., :_SHARED] @ move
-            errors = variance * np.einsum("vji,vj->vi", at.by_error, np.linalg.solve(normal.V, left[..., None])[..., 0])
+            left = left - at.by_shared[..., :_SHARED] @ move
+            errors = variance * np.einsum("vji,vj->vi", at.by_error, np.linalg.solve(V, left[..., None])[..., 0])
             own = errors - at.errors
             promise = 0.5 * float(2.0 * b @ move - move @ A @ move + (own**2 / variance).sum())
             return np.concatenate([move, own.ravel()]), promise
@@ -370,9 +359,9 @@ class _HandEyeProblem:
         column = -np.einsum("vij,vj->vi", solved.rows.by_pose, further)[..., None]
         # next to the lens's steps; its prior deviation of one constrains nothing
         rows = solved.rows._replace(by_shared=np.concatenate([solved.rows.by_shared, column], axis=-1))
-        normal = rows.normal(solved.std)
-        inverse = solve_scaled(normal.A, np.eye(len(normal.A)))
-        return float((inverse @ normal.b)[-1]), float(np.sqrt(inverse[-1, -1]))
+        A, b, *_ = rows.normal(solved.std)
+        inverse = solve_scaled(A, np.eye(len(A)))
+        return float((inverse @ b)[-1]), float(np.sqrt(inverse[-1, -1]))
 
     def misfits(
         self, solved: _HandEyeSolution, seen: Sequence[Pose], kept: np.ndarray, centre_m: np.ndarray
@@ -384,10 +373,10 @@ class _HandEyeProblem:
         tangents = np.array(
             [own.tangent_from(predicted) for own, predicted in zip(seen, self.predicted(state), strict=True)]
         )
-        V, fit = rows.normal(std).V, solved.rows.normal(std)
+        V, (A, b, *_) = rows.normal(std)[4], solved.rows.normal(std)
         # judged for the lens that fits the robot best: shared errors must not hide a single one
-        inverse = solve_scaled(fit.A, np.eye(len(fit.A)))
-        off = np.einsum("vij,vj->vi", rows.by_pose, tangents) - rows.by_shared @ (inverse @ fit.b)
+        inverse = solve_scaled(A, np.eye(len(A)))
+        off = np.einsum("vij,vj->vi", rows.by_pose, tangents) - rows.by_shared @ (inverse @ b)
         of_shared = rows.by_shared @ inverse @ np.swapaxes(rows.by_shared, 1, 2)
         # a kept view has pulled the solution towards itself
         values, axes = np.linalg.eigh(V + np.where(kept, -1.0, 1.0)[:, None, None] * of_shared)
@@ -395,7 +384,7 @@ class _HandEyeProblem:
 
         robot = (rows.by_error * std[:2].repeat(3) ** 2) @ np.swapaxes(rows.by_error, 1, 2)
         fixed, of_lens = rows.by_shared[..., :_SHARED], rows.by_shared[..., _SHARED:]
-        own = solve_scaled(fit.A[:_SHARED, :_SHARED], np.eye(_SHARED))
+        own = solve_scaled(A[:_SHARED, :_SHARED], np.eye(_SHARED))
         taken = own @ np.swapaxes(fixed, 1, 2) @ np.linalg.inv(V) * kept[:, None, None]
         # a turn moves the board's centre, too
         levers = np.array([_crossed(pose.rotation @ centre_m) for pose in seen])
@@ -434,12 +423,12 @@ def _deviations(rows: _HandEyeRows, starts: Sequence[np.ndarray]) -> tuple[np.nd
 
     def badness(logs: np.ndarray) -> float:
         inside = np.clip(logs, *_STD_LOGS.T)
-        normal = rows.normal(np.exp(inside))
-        least = normal.square - float(normal.b @ solve_scaled(normal.A, normal.b))
-        unit = np.sqrt(np.maximum(np.diag(normal.A), 1e-30))
-        determinant = np.linalg.slogdet(normal.A / np.outer(unit, unit))[1] + 2.0 * np.log(unit).sum()
+        A, b, square, _, _, log_determinant = rows.normal(np.exp(inside))
+        least = square - float(b @ solve_scaled(A, b))
+        unit = np.sqrt(np.maximum(np.diag(A), 1e-30))
+        determinant = np.linalg.slogdet(A / np.outer(unit, unit))[1] + 2.0 * np.log(unit).sum()
         outside = 1e3 * float(np.abs(logs - inside).sum())
-        return 0.5 * (normal.log_determinant + determinant + least) - float(inside[:2].sum()) + outside
+        return 0.5 * (log_determinant + determinant + least) - float(inside[:2].sum()) + outside
 
     best = min(np.log(starts), key=badness)
     options = {"xatol": 1e-3, "fatol": 1e-6, "maxiter": 150}
