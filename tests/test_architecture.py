@@ -33,8 +33,8 @@ CXX_CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b(?=[^=;(,]*=)")
 MOST = {
     "module constants": 817,
     "class names used twice": 0,
-    "classes": 425,
-    "public names": 1092,
+    "classes": 420,
+    "public names": 1089,
     "private words": 49,
     "type: ignore": 4,
     "words on pages": 29939,
