@@ -146,10 +146,7 @@ class Draws:
 
 
 def table(
-    rows: Sequence[Any],
-    title: str = "",
-    once: int = 0,
-    more: Mapping[str, Callable[[Any], str]] | None = None,
+    rows: Sequence[Any], title: str = "", once: int = 0, more: Mapping[str, Callable[[Any], str]] | None = None
 ) -> str:
     """Rows of one dataclass as an aligned text table below a title.
 

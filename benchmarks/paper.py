@@ -18,18 +18,7 @@ import numpy as np
 from benchmarks.estimator.scenes import seen
 from benchmarks.estimator.setup import TOWARDS_CLAMP, Setup, drawn_truth, filling_pose, rod_of
 from benchmarks.figures import COLOURS, INK, SHADE, label, panels
-from benchmarks.harness import (
-    Draws,
-    Findings,
-    Options,
-    column,
-    concatenated,
-    mean,
-    rms_known,
-    row_of,
-    spread,
-    table,
-)
+from benchmarks.harness import Draws, Findings, Options, column, concatenated, mean, rms_known, row_of, spread, table
 from benchmarks.object.scenes import contact_table
 from estimator import ContactEstimator
 from estimator.contact.contacts import Contacts
@@ -632,10 +621,7 @@ def measure(options: Options) -> Findings:
     return Findings(
         f"{table(pooled, _SENSING)}\n\n{table(friction, _FRICTION)}",
         {f"paper_{name}.csv": rows for name, rows in found.items()},
-        {
-            "paper_fig7.png": lambda: _fig7(touched),
-            "paper_fig5.png": lambda: _fig5(path, friction),
-        },
+        {"paper_fig7.png": lambda: _fig7(touched), "paper_fig5.png": lambda: _fig5(path, friction)},
         found,
         f"all points, {SIGMAS_PX[0]} px: distance {distance:.1f} mm, direction {direction:.1f}°, μ {mu:.3f} rms",
     )

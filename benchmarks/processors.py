@@ -268,20 +268,14 @@ def _whole_way(session: Path) -> dict[str, Report]:
             if vbaa(argv) != 0:
                 raise SystemExit(f"vbaa {argv[0]} failed on {session}")
         rig, contacts = Rig.load(Path(rig_file)), read_contacts(Path(contacts_file))
-    return {
-        "calibration": of_rig(rig),
-        "contacts": of_contacts(contacts),
-    }
+    return {"calibration": of_rig(rig), "contacts": of_contacts(contacts)}
 
 
 def _on(machine: Machine, sessions: Mapping[str, Path], boards: Path | None) -> tuple[_Reports, str]:
     """What a child process reports, and the kernels it ran on."""
     name, environment, count = machine
     threads = {variable: str(count) for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
-    with (
-        patch.dict(os.environ, {**threads, **environment}),
-        ProcessPoolExecutor(1, get_context("spawn")) as pool,
-    ):
+    with patch.dict(os.environ, {**threads, **environment}), ProcessPoolExecutor(1, get_context("spawn")) as pool:
         reports, kernels, used = pool.submit(_child, count, sessions, boards).result()
     asked = environment.get("OPENBLAS_CORETYPE")
     if asked is not None and asked not in kernels:

@@ -8,17 +8,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks.mistakes.mistakes import (
-    ALARM,
-    NAMED_RIGHT,
-    RECORDED,
-    SILENT,
-    TABLES,
-    TAKEN,
-    Outcome,
-    clean_pair,
-    drawn,
-)
+from benchmarks.mistakes.mistakes import ALARM, NAMED_RIGHT, RECORDED, SILENT, TABLES, TAKEN, Outcome, clean_pair, drawn
 from benchmarks.mistakes.recordings import DOUBTED, NAMED, Mistake
 from benchmarks.mistakes.rigs import KINDS
 

@@ -43,13 +43,7 @@ class Judged:
 
 
 @lru_cache(maxsize=8)
-def population(
-    rig: Rig,
-    frames: int,
-    seed: int,
-    friction_rad: float = 0.0,
-    points: int = 200,
-) -> Judged:
+def population(rig: Rig, frames: int, seed: int, friction_rad: float = 0.0, points: int = 200) -> Judged:
     """Noisy frames of the static rod, rolls evenly up to 60°, half of them with friction of that deviation.
 
     Of a rig that is not exactly known several true ones take part, each one draw of its covariance away.

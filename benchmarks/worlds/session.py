@@ -244,10 +244,7 @@ def _session(world: World) -> dict[str, Any]:
             "dictionary": board.dictionary,
         },
         "antenna": {**world.nominal, "tip": {"length_std_m": world.tip_std_m}},
-        "kinematics": {
-            "T_actuator_antenna": world.actuator.to_dict(),
-            "position_world_m": world.origin_m.tolist(),
-        },
+        "kinematics": {"T_actuator_antenna": world.actuator.to_dict(), "position_world_m": world.origin_m.tolist()},
         "gravity_world": GRAVITY.tolist(),
         "moment_sensor": None if world.reads is None else {"std_Nm": float(world.reads[2])},
         "load_readings": dict(zip(("distance_std_m", "force_std_relative"), world.load_std, strict=True)),

@@ -17,12 +17,7 @@ from targets.board import corner_points
 from vbaa_calib import calibrate_lens
 from vbaa_calib.calibrate.lens.board_shape import SHAPE
 from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, polished, refine
-from vbaa_calib.calibrate.lens.choice import (
-    _left_out_squares,
-    _solved_squares,
-    information,
-    observations_of,
-)
+from vbaa_calib.calibrate.lens.choice import _left_out_squares, _solved_squares, information, observations_of
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
 from vbaa_calib.calibrate.lens.uncertainty import compensate, pixel_grid, projection_jacobian, projection_uncertainty

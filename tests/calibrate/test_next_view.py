@@ -9,12 +9,7 @@ from benchmarks.boards import on_plane, pose_by, rms_on_plane_mm
 from targets.board import corner_points
 from vbaa_calib.calibrate.guide.next_view import lens_progress
 from vbaa_calib.calibrate.guide.suggestion import _coarse_poses, _view_candidates, best_next
-from vbaa_calib.calibrate.guide.view_uncertainty import (
-    LensInformation,
-    WorkPlane,
-    mean_square,
-    plane_sensitivity,
-)
+from vbaa_calib.calibrate.guide.view_uncertainty import LensInformation, WorkPlane, mean_square, plane_sensitivity
 from vbaa_calib.calibrate.lens.board_shape import deformations
 from vbaa_calib.calibrate.lens.bundle import BoardCorners
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics

@@ -22,16 +22,7 @@ from vbaa_calib.rig import Rig
 from ..beam import superposed_deflection
 from ..rod_scenes import LENGTH_M, RIG_STD, STIFFNESS_NM2, World, camera_pose
 from ..rod_scenes import seen as pictured
-from .contact_scenes import (
-    STRAIGHT,
-    WORLD,
-    answered,
-    fitted_std,
-    frame,
-    rubbed,
-    scene_deviations,
-    withheld,
-)
+from .contact_scenes import STRAIGHT, WORLD, answered, fitted_std, frame, rubbed, scene_deviations, withheld
 
 
 def quietly(examples: int) -> settings:

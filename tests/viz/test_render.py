@@ -52,10 +52,7 @@ def test_the_picture_shows_rig_and_contacts(scene: Scene, tmp_path: Path) -> Non
     layout = sheet.SHEET
     assert pixels.shape == (layout.tall, layout.wide, 3)
     rig = pixels[: layout.rig_size[1], : layout.left]
-    near, strip = (
-        pixels[: layout.near_size[1], layout.left :],
-        pixels[layout.near_size[1] :, layout.left :],
-    )
+    near, strip = (pixels[: layout.near_size[1], layout.left :], pixels[layout.near_size[1] :, layout.left :])
     assert close_to(rig, LOOK["camera"][0]).sum() > 100
     assert close_to(rig, "#0af014").sum() > 100  # the camera's picture of the greatest force
     assert close_to(near, LOOK["antenna"][0]).sum() > 500
