@@ -78,7 +78,7 @@ struct View {
 class Blocks {
     static constexpr std::align_val_t ALIGNMENT{64};  // that of the processor's widest vectors
     static constexpr std::size_t LEAST = 1024;        // bytes; smaller ones are malloc's
-    static constexpr std::size_t MOST = 67108864;     // bytes that a thread keeps
+    static constexpr std::size_t MOST = 16777216;     // bytes that a thread keeps: more made no picture faster
     static constexpr std::size_t SIZES = 15;          // from 1 kB to 16 MB, twice as large each
     // A free block, linked to the next.
     struct Block {
@@ -119,7 +119,7 @@ class Blocks {
     static void released(void* block, std::size_t bytes) {
         static thread_local Closing closing;
         const std::size_t size = size_of(bytes);
-        if (size == SIZES || mine.closed || mine.bytes >= MOST) {
+        if (size == SIZES || mine.closed || mine.bytes + (LEAST << size) > MOST) {
             ::operator delete(block, ALIGNMENT);
         } else {
             mine.first[size] = new (block) Block{mine.first[size]};

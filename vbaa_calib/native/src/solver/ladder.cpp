@@ -172,11 +172,11 @@ void near_feet(const Search& search, Fit& fit) {
     const Array<int, 1>& picture = search.some.frame.clamp;
     const int every = search.some.every, last = search.some.frame.count - 1;
     const auto shift = [&](int k) { return rough_m[k] - free_m[k * every]; };
-    for (int i = 0; i < fit.points; ++i) {
-        const int k = std::min(i / every, last);
-        const int next = k < last && picture[k + 1] == picture[k] ? k + 1 : k;
-        const double part = (i - k * every) / static_cast<double>(every), here = shift(k);
-        fit.foot_m[i] += here + (next > k ? part * (shift(next) - here) : 0.0);
+    for (int k = 0, i = 0; k <= last; ++k) {
+        const bool followed = k < last && picture[k + 1] == picture[k];
+        const double here = shift(k), apart = followed ? (shift(k + 1) - here) / every : 0.0;
+        for (const int begin = i; i < std::min(begin + every, fit.points); ++i)
+            fit.foot_m[i] += here + (i - begin) * apart;
     }
 }
 
