@@ -33,7 +33,7 @@ def _known_equations(
     found: LinearisedFrames,
     columns: np.ndarray,
     place: tuple[np.ndarray, np.ndarray],
-    antenna_radius_m: float,
+    antenna_radius_m: np.ndarray,
     shift: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Information (B, K, K) and right side (B, K) from contacts known to lie on a straight pin or edge.
@@ -43,7 +43,8 @@ def _known_equations(
     the contact distance.
 
     columns : (B, 6, K) derivatives of point and force; the last three are by the object's own place. place : rotations
-    (B, 3, 3) and translations (B, 3) of the antenna frame. shift : (3,) of the object's place, in deviations.
+    (B, 3, 3) and translations (B, 3) of the antenna frame. antenna_radius_m : (B,) at the contacts. shift : (3,) of
+    the object's place, in deviations.
     """
     rotation, translation = place
     point, force = found.point_force[:, :3], found.point_force[:, 3:]
@@ -53,7 +54,8 @@ def _known_equations(
     size = np.linalg.norm(normal, axis=1, keepdims=True)
     normal = normal / np.where(size > 1e-6, size, np.nan)
     normal *= np.where(np.sum(normal * force, axis=1, keepdims=True) < 0.0, -1.0, 1.0)
-    off = world - known.position_m - known.std_m * shift - np.nan_to_num((known.radius_m + antenna_radius_m) * normal)
+    apart = np.nan_to_num((known.radius_m + antenna_radius_m)[:, None] * normal)
+    off = world - known.position_m - known.std_m * shift - apart
     across = np.linalg.svd(known.direction[None])[2][1:]
     rows = across @ rotation @ columns[:, :3]
     rows[:, :, -3:] -= known.std_m * across
@@ -226,7 +228,7 @@ class RecordingProblem:
         touch_columns = found.columns @ split
         if self.known is not None:
             place = self.rig.kinematics.world_antenna(batch.pan_rad, batch.tilt_rad)
-            radius_m = 0.5 * self.rig.antenna.diameter_m
+            radius_m = self.rig.antenna.radius_at(unknowns[:, 0] * arrays.length_m)
             more = _known_equations(self.known, found, touch_columns, place, radius_m, state.shared[-3:])
             whole, side = whole + more[0], side + more[1]
         diagonal = np.arange(UNKNOWNS + self.lines)

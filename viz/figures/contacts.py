@@ -150,10 +150,12 @@ def _cone_lines(axes: Plot, mu: float, interval: np.ndarray, true_mu: float) -> 
     return [(STYLE.teal, "bound, 95 %", "dashes"), *entries] if bounds else entries
 
 
-def indentation(surface: Surface, contacts: ContactTable, radius_m: float, true_compliance_m_N: float = np.nan) -> Plot:
+def indentation(
+    surface: Surface, contacts: ContactTable, radius_m: np.ndarray | float, true_compliance_m_N: float = np.nan
+) -> Plot:
     """Indentation against normal force of the surface's touches, with the fitted line.
 
-    contacts : the table's rows of the touches. radius_m : of the antenna. true_compliance_m_N : NaN if not known.
+    contacts : the table's rows of the touches. radius_m : of the antenna there. true_compliance_m_N : NaN if not known.
     """
     normal, soft = surface.touched_normal, surface.compliance
     force = 1e3 * (contacts.force_world_N * normal).sum(axis=1)

@@ -234,7 +234,7 @@ def _contacts(report: Report) -> dict[str, Any]:
     cone = pressed = None
     if estimate is not None:
         touched = table.picked(estimate.surface.touched_row)
-        radius_m = 0.0 if report.rig is None else report.rig.antenna.diameter_m / 2
+        radius_m = 0.0 if report.rig is None else report.rig.antenna.radius_at(touched.distance_m)
         mu, stiffness = (np.nan, np.nan) if truth is None else (truth.friction, truth.stiffness_N_m)
         cone = friction_cone(estimate.friction, touched.force_world_N, mu).svg()
         pressed = indentation(estimate.surface, touched, radius_m, 1.0 / stiffness).svg()
