@@ -408,8 +408,11 @@ def _fitted(
         return None
     rod = _judged(patch, course, first is not None and last is not None, settings)
     tolerance = settings.click_share * float(np.hypot(*patch.size)) + 0.5 * rod.width_px
-    clicks = [(end - at) / tolerance for end, at in zip(known, rod.curve_px[[0, -1]], strict=True) if end is not None]
-    rod.parts["off_clicks"] = settings.click_cost * float(np.sum(np.square(clicks)))
+    off = [
+        float(np.hypot(*(end - at))) for end, at in zip(known, rod.curve_px[[0, -1]], strict=True) if end is not None
+    ]
+    missed = [each / tolerance for each in off if each > 0.5 * rod.width_px]  # nearer it is on the rod
+    rod.parts["off_clicks"] = settings.click_cost * float(np.sum(np.square(missed)))
     away = np.minimum(rod.curve_px[[0, -1]], patch.size - 1.0 - rod.curve_px[[0, -1]]).min(axis=1)
     longer = arc_lengths(rod.curve_px)[-1] > arc_lengths(path.path_px)[-1] + rod.width_px
     if longer and any(
@@ -1080,6 +1083,10 @@ class RodSearch:
         whole = settings.least_mean if known == 2 else settings.usual_mean
         if best.parts["mean"] < (settings.least_mean_clear if clear else whole):
             raise InputError("no rod can be made out: the likeliest line is one only in parts", remedy=remedy)
+        unsure = best.may_be_shadow or best.parts["mean"] < settings.least_mean
+        if best.parts["off_clicks"] > settings.most_off_clicks[unsure]:
+            what = "the likeliest line passes by the clamp or the tip"
+            raise InputError(what, remedy="give --clamp and --tip on the rod's middle, or choose with --candidate N")
         if best.kink_px is not None:
             u, v = best.kink_px
             what = f"the likeliest line turns near {u:.0f},{v:.0f} more sharply than a rod can"
@@ -1207,7 +1214,8 @@ def _measured(
             if length < settings.least_aspect * width_px or path.mean < max(settings.least_path_mean, mean - 1.0):
                 continue
             bound = min(bound, settings.slack[0] * path.cost + settings.slack[1])
-            if any(line.contains(path.path_px) and width_px < 1.5 * line.width_px for line in found):
+            known = (line for line in found if line.is_whole(settings) and width_px < 1.5 * line.width_px)
+            if any(line.contains(path.path_px) for line in known):
                 continue
             line = _fitted(planes, path, clamp, tip, settings)
             if line is not None:
@@ -1218,7 +1226,8 @@ def _measured(
 def _ranked(found: list[_MeasuredRod], settings: RodSettings) -> list[_MeasuredRod]:
     """Lines in order of mean evidence less their winding, or of total evidence where that is about equal; shadows after
     what may cast them."""
-    sound = [line for line in found if line.may_be_rod and line.is_whole(settings)]
+    most = settings.most_off_clicks[0]
+    sound = [line for line in found if line.may_be_rod and line.is_whole(settings) and line.parts["off_clicks"] < most]
     best = max((line.straight_mean for line in sound or found), default=0.0)
 
     def order(line: _MeasuredRod) -> tuple[bool, bool, float]:

@@ -79,6 +79,9 @@ class RodSettings:
     """How far a click may be off an end, in diagonals of the picture, and half a width."""
     click_cost: float = 3.0
     """Mean evidence that a line loses by ending that far off a click, growing with the square: others may be nearer."""
+    most_off_clicks: tuple[float, float] = (0.45, 0.18)
+    """The most that it may lose so, and if it may be a shadow or its mean is below `least_mean`: right lines lost up to
+    0.4 and 0.15, other things 0.23 to 0.85."""
     least_evidence: float = 12.0
     """Evidence below which a path is no candidate."""
     sharp_turn: float = 1.2
