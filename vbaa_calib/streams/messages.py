@@ -53,6 +53,13 @@ CHANNELS = (*SILENT, "pan_rad", "tilt_rad")
 """What is read along with the pictures, named as the columns of recording.csv are."""
 
 
+def checked_channel(channel: Any) -> str:
+    """The channel, one of `CHANNELS`. Raises InputError for anything else."""
+    if not isinstance(channel, str) or channel not in CHANNELS:
+        raise InputError(f"a channel is {quoted(channel)}", remedy=f"one of {', '.join(CHANNELS)} is needed")
+    return channel
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Taken:
     """A picture (H, W) grey or (H, W, 3) blue, green, red, and its time.
@@ -89,10 +96,7 @@ class Reading:
     arrived_s: float
 
     def __post_init__(self) -> None:
-        if not isinstance(self.channel, str) or self.channel not in CHANNELS:
-            raise InputError(
-                f"a reading is of {quoted(self.channel)}", remedy=f"one of {', '.join(CHANNELS)}, in SI units"
-            )
+        checked_channel(self.channel)
         for number in (self.value, self.time_s, self.arrived_s):
             as_float(number, f"a reading of {self.channel}, or its time,", "give numbers")
 

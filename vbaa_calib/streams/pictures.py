@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from operator import itemgetter
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -34,7 +35,7 @@ def thinned(pictures: Iterable[tuple[_T, np.ndarray]], most: int) -> list[tuple[
         one = (_sharpness(picture), name, picture)
         if in_last % max(length, 1) == 0:
             if len(kept) == 2 * most:
-                kept = [max(kept[i : i + 2], key=_first) for i in range(0, len(kept), 2)]
+                kept = [max(kept[i : i + 2], key=itemgetter(0)) for i in range(0, len(kept), 2)]
                 length *= 2
             kept.append(one)
             length, in_last = max(length, 1), 0
@@ -47,15 +48,11 @@ def thinned(pictures: Iterable[tuple[_T, np.ndarray]], most: int) -> list[tuple[
         now = _thumbnail(one[2])
         # thumbnails that differ by less of their own contrast are alike
         if before is not None and np.abs(now - before).mean() < 0.15 * (now.std() + 1.0):
-            different[-1] = max(different[-1], one, key=_first)
+            different[-1] = max(different[-1], one, key=itemgetter(0))
             continue
         different.append(one)
         before = now
     return [(name, picture) for _, name, picture in different]
-
-
-def _first(one: tuple[float, Any, Any]) -> float:
-    return one[0]
 
 
 def _grey(picture: np.ndarray) -> np.ndarray:

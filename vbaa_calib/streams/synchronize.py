@@ -18,7 +18,7 @@ from vbaa_calib.core.errors import InputError, quoted
 from vbaa_calib.session import READINGS, Frame
 from vbaa_calib.session.tables import ANGLES
 
-from .messages import CHANNELS, MESSAGES, Reading, Taken
+from .messages import CHANNELS, MESSAGES, Reading, Taken, checked_channel
 
 _Message = Taken | Reading
 
@@ -246,7 +246,7 @@ class Synchronizer:
         self._notes = [] if notes is None else notes
         self._noted: set[tuple[str, str]] = set()
         self._timing, self.live = timing, live
-        self._channels = {_known(name): _Channel() for name in channels}
+        self._channels = {checked_channel(name): _Channel() for name in channels}
         self._stamps: dict[str, _Stamps] = {}
         self._waiting: deque[Taken] = deque()
         self._now_s = self._given_s = self._begin_s = self._last_s = -np.inf
@@ -502,12 +502,6 @@ class Synchronizer:
         values["joints_read"] = tuple(name in read for name in ANGLES)
         frame = Frame(image=None, frame=self._number - 1, time_s=self._onward_s(taken), **values)
         return Synchronized(frame, taken, max(ages, default=np.nan), tuple(others))
-
-
-def _known(channel: Any) -> str:
-    if not isinstance(channel, str) or channel not in CHANNELS:
-        raise InputError(f"a channel is {quoted(channel)}", remedy=f"one of {', '.join(CHANNELS)} is needed")
-    return channel
 
 
 def taken_frames(
