@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class SessionSettings:
+class _SessionSettings:
     """Thresholds and priors of hypotheses about a session: natural logarithms in log odds and nats, standard deviations
     of true values about reported ones."""
 
@@ -67,4 +67,4 @@ class SessionSettings:
     usual_gains: tuple[float, float] = (0.5, 2.0)  # of gains that a calibration may leave
 
 
-SETTINGS = SessionSettings()
+SETTINGS = _SessionSettings()
