@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,7 +11,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from vbaa_calib.detect.whisker.corridor import Corridor
+from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.profile import refine_path
+from vbaa_calib.detect.whisker.settings import SearchSettings
 from vbaa_calib.native import core
 
 from .drawn_lines import SIZE, aside, background, bent, exposed, trace, tube
@@ -83,12 +86,12 @@ def shape(turn_rad: float, contact: float = 0.6, heading_rad: float = 0.0) -> np
 
 def found(picture: np.ndarray, heading_rad: float = 0.0, looks: np.ndarray = NO_LOOKS, most: int = 2) -> list:
     """The shapes about a straight axis."""
-    turns = np.arange(-0.6, 0.61, 0.05)
-    paths = np.array([shape(turn, contact, heading_rad) for contact in CONTACTS for turn in turns])
-    axis = shape(0.0, 1.0, heading_rad)
-    taken = np.ascontiguousarray(picture)
+    axis, taken = shape(0.0, 1.0, heading_rad), np.ascontiguousarray(picture)
+    where = Corridor(axis, 8.0 + 0.9 * LENGTH_PX * np.linspace(0.0, 1.0, len(axis)), WIDTH_PX_SEARCH)
+    finder = AntennaFinder.prepare(where, (SIZE[1], SIZE[0]))
+    rough = replace(finder, settings=SearchSettings(shapes=most)).rough(taken)
     return core.search.likely_shapes(
-        taken, axis, paths, SPACING_PX, WIDTH_PX_SEARCH, CONTACTS, (1.5, 0.015), looks, ODDS, most
+        taken, axis, rough, SPACING_PX, WIDTH_PX_SEARCH, CONTACTS, (1.5, 0.015), looks, ODDS
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 
@@ -77,14 +77,13 @@ class AntennaFinder:
     def candidates(self, image: np.ndarray, bright: bool = True, blurred_px: float = 0.0) -> list[np.ndarray]:
         """Paths (K, 2) that look like the antenna in an (H, W) picture blurred by about `blurred_px`; best first: up
         to two that differ and score alike."""
-        reach = self.reach + int(np.ceil(0.6 * blurred_px / self.factor))
-        flat = core.search.ridge_responses(_downsampled(image, self.factor), reach, self.pool, 1 if bright else -1)
-        score = core.search.scores(flat, self.index, self.weight)
+        score = self._scores(image, (1 if bright else -1,), blurred_px)
+        return list(self.paths_px[self._clearest(score, 2, SearchSettings.other_path)])
+
+    def _clearest(self, score: np.ndarray, most: int, share: float) -> list[int]:
         apart_px = 2.0 * self.spacing_px + self.corridor.width_px
-        return [
-            self.paths_px[one]
-            for one in core.search.clearest_paths(score, self.paths_px, apart_px, 2, SearchSettings.other_path)
-        ]
+        found: list[int] = core.search.clearest_paths(score, self.paths_px, apart_px, most, share)
+        return found
 
     def find(self, image: np.ndarray, bright: bool | None = True, picture: np.ndarray | None = None) -> Centreline:
         """The centreline in a picture, with its verdict: a line of one polarity in focus, else out of focus.
@@ -139,6 +138,11 @@ class AntennaFinder:
         where = replace(self.corridor, width_px=width_px)
         return replace(self, corridor=where)._along_shape(image, image if picture is None else picture, guide_px, odds)
 
+    def rough(self, picture: np.ndarray) -> np.ndarray:
+        """(R, K, 2) paths that differ along which a picture (H, W[, 3]) is brighter or darker than on both sides."""
+        score = self._scores(picture[..., :3] if picture.ndim == 3 else picture, (1, -1))
+        return self.paths_px[self._clearest(score - score.min(), self.settings.shapes, self.settings.rough_share)]
+
     def shapes(self, picture: np.ndarray) -> list[tuple[np.ndarray, float]]:
         """Possible shapes (S, 2) of the antenna along which a picture (H, W[, 3]) has two edges, and their mean log
         odds per correlation length, the likeliest first; without those that hardly differ from an earlier one."""
@@ -148,14 +152,13 @@ class AntennaFinder:
         found = core.search.likely_shapes(
             np.ascontiguousarray(picture),
             axis,
-            self.paths_px,
+            self.rough(picture),
             self.spacing_px,
             where.width_px,
             np.array(settings.contacts if calibrated else settings.few_contacts),
             (settings.calibrated_clamp_px if calibrated else where.clamp_px, where.clamp_rad),
             self.looks,
             settings,
-            settings.shapes,
         )
         lengths = float(arc_lengths(axis)[-1]) / settings.correlation_px
         kept: list[tuple[np.ndarray, float]] = []
@@ -165,6 +168,16 @@ class AntennaFinder:
             if enough and len(kept) < settings.measured and not any(alike):
                 kept.append((path, odds / lengths))
         return kept
+
+    def _scores(self, picture: np.ndarray, signs: tuple[int, ...], blurred_px: float = 0.0) -> np.ndarray:
+        """(P,) how far the paths are brighter (sign 1) or darker (-1) than both of their sides, in the channel of a
+        picture (H, W[, C]), blurred by about `blurred_px`, that shows it most at each place."""
+        reach = self.reach + int(np.ceil(0.6 * blurred_px / self.factor))
+        small = _downsampled(picture, self.factor)
+        planes = [np.ascontiguousarray(plane) for plane in np.atleast_3d(small).transpose(2, 0, 1)]
+        flat = [core.search.ridge_responses(one, reach, self.pool, sign) for one in planes for sign in signs]
+        found: np.ndarray = core.search.scores(reduce(np.maximum, flat), self.index, self.weight)
+        return found
 
     def _likely(self, image: np.ndarray, picture: np.ndarray) -> Centreline:
         """The line along one of the likely shapes, even if it is brighter than its background here and darker there."""
@@ -286,10 +299,10 @@ def _within(paths: np.ndarray, corridor: Corridor) -> np.ndarray:
 
 
 def _downsampled(image: np.ndarray, factor: int) -> np.ndarray:
-    """(h, w) uint8: blocks of `factor` pixels averaged; other depths than 8 bits are stretched to the full range."""
+    """(h, w[, C]) uint8: blocks of `factor` pixels averaged; other depths than 8 bits stretched to the full range."""
     import cv2  # slow to load
 
-    height, width = image.shape
+    height, width = image.shape[:2]
     size = (max(width // factor, 1), max(height // factor, 1))
     cropped = image[: size[1] * factor, : size[0] * factor] if min(size) > 1 else image
     small = cv2.resize(cropped, size, interpolation=cv2.INTER_AREA)

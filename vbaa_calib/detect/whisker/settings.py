@@ -38,7 +38,8 @@ class SearchSettings:
     correlation_px: float = 6.0  # length along which log odds count once
     strain_std: float = 0.01  # standard deviation of the largest strain at the antenna's surface: steel yields
     calibrated_clamp_px: float = 1.5  # by how much a calibrated antenna may be moved at its clamp
-    shapes: int = 4  # rough paths that are refined
+    shapes: int = 4  # rough paths that are refined,
+    rough_share: float = 0.3  # whose scores above the worst one are at least this part of the best one's
     measured: int = 3  # shapes that are measured, whose log odds are at least
     measured_share: float = 0.4  # this share of the best one's
     contacts: tuple[float, ...] = (0.08, 0.12, 0.18, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95, 1.1, 1.8)

@@ -164,8 +164,7 @@ void bind_ridges(nb::module_& room) {
 
 void bind_shapes(nb::module_& room) {
     room.def("likely_shapes", [](InPicture image, InMatrix axis, InCube paths, double spacing_px, double width_px,
-                                 InVector contacts, std::array<double, 2> clamp, InMatrix looks, nb::handle settings,
-                                 int most) {
+                                 InVector contacts, std::array<double, 2> clamp, InMatrix looks, nb::handle settings) {
         require_pixels(width_px);
         require_pixels(spacing_px);
         require(axis.shape(0) >= 4 && axis.shape(0) < 1000 && axis.shape(1) == 2, "an axis has 4 to 999 points (u, v)");
@@ -186,8 +185,8 @@ void bind_shapes(nb::module_& room) {
                                 {"strain_std", &model.strain},
                                 {"look_odds", &model.look}})
             *to = number<double>(settings, name);
-        auto found = unlocked(
-            [&, taken = picture(image)] { return detect::likely_shapes(taken, family, view(looks), model, most); });
+        auto found =
+            unlocked([&, taken = picture(image)] { return detect::likely_shapes(taken, family, view(looks), model); });
         nb::list answers;
         for (auto& one : found)
             answers.append(nb::make_tuple(one.evidence, one.bend, to_numpy(std::move(one.path_px)),

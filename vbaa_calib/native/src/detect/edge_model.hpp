@@ -73,7 +73,6 @@ struct EdgeOdds {
             table[row] = static_cast<float>(-std::log((1.0 - rate) * std::exp(-odds) + rate));
         }
     }
-    float most() const { return table[ROWS]; }
     // In place of some log odds, of which so much is taken first.
     void replace(float* odds, int count, float less) const {
         constexpr int SOME = 64;

@@ -12,7 +12,7 @@ constexpr int MARGIN_PX = 2;  // dropped on either side of a gap: they show part
 constexpr int TRAINING_PROFILES = 160;  // that the cross-section is learned from, about
 constexpr double ALIKE = 0.8;           // length of the mean phase on the pixel grid above which profiles lie alike
 constexpr double LOPSIDED = 0.012;      // difference of its sides, over its height, that is too much for a broad line
-constexpr double FLANKED_PX = 5.0;      // that is broader than this: it is measured by its own reflectance
+constexpr double FLANKED_PX = 5.0;      // that is broader than this: its two edges are measured
 constexpr double PULLED = 0.05;  // part of the width by which a faint highlight pulls it, half of it as deviation
 constexpr double FAINTER = 0.7;  // where less of the usual height is left, the same highlight pulls it more
 // An object's edge next to the antenna shifts about so many neighbouring points alike: what a step of the background

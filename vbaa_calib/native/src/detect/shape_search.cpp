@@ -3,7 +3,6 @@
 #include <cstring>
 
 #include "detect/ridges.hpp"
-#include "detect/rough_shapes.hpp"
 #include "detect/shape_strip.hpp"
 #include "lanes.hpp"
 #include "polyline.hpp"
@@ -12,12 +11,11 @@
 namespace vbaa::detect {
 namespace {
 
-constexpr int AT_ONCE = 16;          // turns of the tip that are tried at once
-constexpr int FINER = 4;             // a strip's odds are tabled at so many places a step
-constexpr double ROUGH_SHARE = 0.3;  // of the best rough path's score above the worst one's: others are tried, too
-constexpr double CERTAIN_PX = 4.0;   // a clamp that may be moved by less needs no search where it is
-constexpr double LOOSE_PX = 20.0;    // most by which it is searched for
-constexpr double AROUND_PX = 10.0;   // of a path, that is visible next to its width
+constexpr int AT_ONCE = 16;         // turns of the tip that are tried at once
+constexpr int FINER = 4;            // a strip's odds are tabled at so many places a step
+constexpr double CERTAIN_PX = 4.0;  // a clamp that may be moved by less needs no search where it is
+constexpr double LOOSE_PX = 20.0;   // most by which it is searched for
+constexpr double AROUND_PX = 10.0;  // of a path, that is visible next to its width
 constexpr double AROUND_ROUGH_PX = 4.0;
 constexpr double TURN_RAD = 0.25;        // by which a shape's tip may be turned from the rough path's
 constexpr double NOISE_PLACES = 3000.0;  // at so many the noise is known to some hundredths
@@ -355,10 +353,11 @@ double mean_distance(const Table& one, const Table& other) {
 
 // The best shapes near rough paths, the best first, that are not all within the antenna's width from a better one.
 template <class T>
-std::vector<Bend> different(const Search<T>& search, const std::vector<int>& rough) {
+std::vector<Bend> different(const Search<T>& search) {
+    const ConstCube rough = search.family.rough_px;
     std::vector<Candidate> candidates;
-    candidates.reserve(rough.size());
-    for (const int one : rough) candidates.push_back(best_near(search, search.family.paths_px.row(one)));
+    candidates.reserve(rough.shape[0]);
+    for (int r = 0; r < rough.shape[0]; ++r) candidates.push_back(best_near(search, rough.row(r)));
     std::sort(candidates.begin(), candidates.end(), likelier<Candidate>);
     std::vector<Bend> found;
     std::vector<Table> paths;
@@ -402,22 +401,16 @@ Colour noise_of(const Colours<T>& picture) {
 
 template <class T>
 std::vector<ShapeFound> likely_in(const Colours<T>& picture, const ShapeFamily& family, ConstMatrix colours,
-                                  const EdgeModel& model, int most) {
+                                  const EdgeModel& model) {
     const Colour noise = noise_of(picture);
     const bool known = colours.shape[0] == LOOK_PLACES;
     const Looks looks = known ? looks_of(colours) : Looks{};
     const Looks* const own = known ? &looks : nullptr;
-    const RoughPaths paths = {family.paths_px, family.spacing_px, family.width_px};
-    Numbers score = rough_scores(picture, paths, own, noise, model);
-    const double least = *std::min_element(score.begin(), score.end());
-    for (double& each : score) each -= least;
-    const double apart = 2.0 * family.spacing_px + family.width_px;
     const EdgeOdds odds(model.rate);
     const Search<T> search = {
         picture, family, axis_of(family.axis_px), {family.width_px, own, noise, model, odds}, model};
     std::vector<ShapeFound> found;
-    for (const Bend& bend : different(search, clearest_paths(score, family.paths_px, apart, most, ROUGH_SHARE)))
-        found.push_back(refined(search, bend));
+    for (const Bend& bend : different(search)) found.push_back(refined(search, bend));
     std::sort(found.begin(), found.end(), likelier<ShapeFound>);
     return found;
 }
@@ -425,11 +418,11 @@ std::vector<ShapeFound> likely_in(const Colours<T>& picture, const ShapeFamily& 
 }  // namespace
 
 std::vector<ShapeFound> likely_shapes(const Picture& picture, const ShapeFamily& family, ConstMatrix looks,
-                                      const EdgeModel& model, int most) {
+                                      const EdgeModel& model) {
     return std::visit(
         [&](const auto& levels) {
             using Kind = std::remove_const_t<std::remove_pointer_t<decltype(levels.data)>>;
-            return likely_in(Colours<Kind>{levels}, family, looks, model, most);
+            return likely_in(Colours<Kind>{levels}, family, looks, model);
         },
         picture);
 }
