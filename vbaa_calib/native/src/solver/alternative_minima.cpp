@@ -26,6 +26,8 @@ constexpr double NEAR = 0.4, BEYOND = 0.15;
 // The search for the nearest shape starts at every sixth distance of the grid; iterations of each start; how many of
 // them continue, and for how many more.
 constexpr int APART = 6, FIRST = 5, GO_ON = 3, MORE = 15;
+// Least share of a reading's noise in its variance, of which its own part is taken off.
+constexpr double SMALLEST_SHARE = 1e-6;
 // Moments that differ by fewer σ do not distinguish a contact from its mirror image.
 constexpr double DISTINGUISHABLE = 5.0;
 
@@ -161,7 +163,26 @@ double nearest_shape(const Rig& exact, Frame frame, const Grid& grid, const Unkn
     return least;
 }
 
-bool mirror_ambiguous(const Rig& rig, const Frame& frame, const Fit& fit) {
+// Variance of a reading as the rest of the data predicts it where the force along the line of sight is known: what a
+// mirror image can do about the reading by its other unknowns. variance: of the reading itself.
+double predicted_variance(const Rig& rig, const Frame& frame, const Fit& fit, const Uncertainty& found, int reading,
+                          double variance) {
+    const auto& to_camera = rig.cameras[frame.seen_by].to_camera;
+    const double sight[UNKNOWNS] = {0.0, to_camera[0], to_camera[1], 0.0};
+    double own = 0.0, cross = 0.0, along = 0.0;
+    for (int a = 0; a < UNKNOWNS; ++a) {
+        for (int b = 0; b < UNKNOWNS; ++b) {
+            const double by_a = fit.reading_columns(reading, a), by_b = fit.reading_columns(reading, b);
+            own += by_a * found.covariance[a][b] * by_b;
+            cross += by_a * found.covariance[a][b] * sight[b];
+            along += sight[a] * found.covariance[a][b] * sight[b];
+        }
+    }
+    const double with_reading = own - cross * cross / along;
+    return with_reading / std::max(1.0 - with_reading / variance, SMALLEST_SHARE);
+}
+
+bool mirror_ambiguous(const Rig& rig, const Frame& frame, const Fit& fit, const Uncertainty& found) {
     const double along = along_sight(rig, frame, fit.unknowns);
     if (camera_distinguishes(rig, frame, fit, along)) return false;
     const auto& to_camera = rig.cameras[frame.seen_by].to_camera;
@@ -176,6 +197,7 @@ bool mirror_ambiguous(const Rig& rig, const Frame& frame, const Fit& fit) {
         for (int k = UNKNOWNS; k < fit.size; ++k) {
             variance += fit.reading_columns(reading, k) * fit.reading_columns(reading, k);
         }
+        variance += predicted_variance(rig, frame, fit, found, reading, variance);
         const double change = std::abs(2.0 * response * along) * frame.available[reading];
         if (!(change / std::sqrt(variance) < DISTINGUISHABLE)) return false;
     }

@@ -56,7 +56,7 @@ double along_sight(const Rig& rig, const Frame& frame, const Unknowns& unknowns)
 //
 // The mirror is the plane through the antenna's x axis across the line of sight: small deflections before and behind
 // it look alike, but for perspective.
-bool mirror_ambiguous(const Rig& rig, const Frame& frame, const Fit& fit);
+bool mirror_ambiguous(const Rig& rig, const Frame& frame, const Fit& fit, const Uncertainty& found);
 
 // Fits from contacts that may look like these unknowns: the mirror image, the least force that the picture asks for,
 // and forces that bend the antenna far before and behind the mirror.

@@ -205,7 +205,7 @@ bool fit_on_rung(const Search& search, int rung, Uncertainty& found, Alternative
         search_lost(search, rung, other);
     }
     uncertainty(best, found, work);
-    const bool ambiguous = is_significant(best.unknowns, found) && mirror_ambiguous(rig, frame, best);
+    const bool ambiguous = is_significant(best.unknowns, found) && mirror_ambiguous(rig, frame, best, found);
     if (ambiguous && best.converged && best.scatter <= WRONG_SHAPE) {
         const Unknowns before = best.unknowns;
         try_mirrors(task, search.few, before, best, other);
