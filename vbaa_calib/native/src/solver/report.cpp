@@ -27,6 +27,9 @@ double disagreement(const Numbers& n) {
     return most;
 }
 
+// A distance this near to the nearest one searched, in antenna lengths, may be a nearer contact's.
+constexpr double NEAR_CLAMP = 0.005;
+
 // Whether the force along an axis is known to half of its size.
 bool force_known(const Numbers& n, int axis) {
     const double force = std::hypot(n.unknowns[1], n.unknowns[2]);
@@ -64,7 +67,8 @@ bool out_of_ordinary(const Numbers& n, const Limits& limits) {
 std::uint64_t noticed_of(const Numbers& n, const Limits& limits) {
     const double friction = std::abs(n.unknowns[UNKNOWNS - 1]), bias = n.bias[n.rung];
     const bool mirrored = n.ambiguous && (n.marginal || !any_reading(n));
-    const bool at_clamp = n.unknowns[0] - n.std[0] <= NEAREST, too_steep = friction > limits.steepest;
+    const bool at_clamp = n.unknowns[0] - std::max(n.std[0], NEAR_CLAMP) <= NEAREST,
+               too_steep = friction > limits.steepest;
     const bool twice = n.second_gain > limits.second_contact && n.second_shift > limits.second_shift;
     // without a reading a steep bend along the line of sight fits almost anything, if not quite
     const bool blind = mirrored && (n.scatter > 1.0 || friction > limits.steepest_blind);
