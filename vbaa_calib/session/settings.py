@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -489,13 +490,14 @@ def gravity_antenna(kinematics: Kinematics, gravity_world_m_s2: np.ndarray, fram
 def load_session(root: Path) -> Session:
     """Read and check session.yaml. Raises InputError naming the key that is wrong."""
     root = Path(root)
+    remedy = "name a session folder (docs/formats.md); pictures alone: `vbaa estimate` takes a table of them"
+    if not root.is_dir():
+        raise InputError("is not a folder" if root.exists() else "no such folder", where=root, remedy=remedy)
     path = root / "session.yaml"
-    if not path.is_file():
-        problem = "has no session.yaml" if root.is_dir() else "is not a folder" if root.exists() else "no such folder"
-        remedy = "name a session folder (docs/formats.md); pictures alone: `vbaa estimate` takes a table of them"
+    if not os.path.lexists(path):
         if (root / "recording.csv").is_file():
             remedy = "name the session folder that it is in; `vbaa estimate` takes recording.csv itself, too"
-        raise InputError(problem, where=root, remedy=remedy)
+        raise InputError("no such file", where=path, remedy=remedy)
     return session_from(read_yaml(path), root, path)
 
 
