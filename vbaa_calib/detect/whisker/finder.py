@@ -195,8 +195,7 @@ class AntennaFinder:
         shape that it can have: the better shaped is taken.
         """
         where, width = self.corridor, self.corridor.width_px
-        in_colour = coloured(picture)
-        levels = picture if in_colour else image
+        levels = picture if coloured(picture) else image
 
         def judged(path: np.ndarray) -> Centreline:
             path, _ = resample(path, 1.0)
@@ -206,7 +205,7 @@ class AntennaFinder:
         if where.shape_px is None or too_short(line.points_px):
             return line
         usual = AcceptanceSettings.usual_misfit
-        if in_colour and line.found and where.misfit(line.points_px, line.sigma_px, usual) <= usual:
+        if line.found and where.misfit(line.points_px, line.sigma_px, usual) <= usual:
             return line
         nearest = where.nearest(line.points_px, line.sigma_px)
         return line if too_short(nearest) else better_shaped(line, judged(nearest), where)

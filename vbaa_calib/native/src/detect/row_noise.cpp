@@ -66,7 +66,7 @@ RowNoise row_noise(const Picture& picture, ConstMatrix points, int axis, int ban
         if (n >= least) nearest = std::min(nearest, std::abs(points(n, axis) - points(n - least, axis)));
     }
     if (nearest > 1.0) return found;  // it crosses the rows
-    const auto cell = [&](double place) { return static_cast<int>(PER_ROW * (place - lowest) + 0.5); };
+    const auto cell = [&](double place) { return static_cast<int>(std::lrint(PER_ROW * (place - lowest))); };
     const int cells = cell(highest) + 1;
     std::vector<int> below(cells + 1);  // points before each cell
     for (int n = 0; n < count; ++n) ++below[cell(points(n, axis)) + 1];
