@@ -12,6 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from vbaa_calib.core.polyline import offsets_from
 from vbaa_calib.core.robust import MAD_SCALE
 from vbaa_calib.native import core
 
@@ -91,11 +92,19 @@ def _measured(
         found, line = again, Centreline(**again[0])
         more = np.full(len(line.points_px), np.median(more))
     line = accepted(replace(line, row_px=more), Evidence(**found[1]))
-    if found[2] > 0.0 and line.found:
-        # light from one side: its two edges tell more of where it is than its middle
-        between = measure_ribbon(image if evened is None else evened, line.guide_px, width_px)
-        return replace(between, row_px=np.zeros(1)).doubted(found[2]) if between.found else line
-    return line
+    if not (line.found and found[2] > 0.0):
+        return line
+    return _between(image if evened is None else evened, line, width_px, found[2])
+
+
+def _between(image: np.ndarray, line: Centreline, width_px: float, pulled_px: float) -> Centreline:
+    """The centreline between both edges of a lopsided line, which light from one side pulls by about `pulled_px`, alike
+    all along it; where something else next to it does, the line itself."""
+    between = measure_ribbon(image, line.guide_px, width_px)
+    if not between.found:
+        return between
+    uneven = float(offsets_from(line.guide_px, between.points_px)[1].std())
+    return (line if uneven > ProfileSettings.uneven * pulled_px else between).doubted(pulled_px)
 
 
 def measure_ribbon(

@@ -52,6 +52,7 @@ class ProfileSettings:
     """The line fitted to profiles of grey levels. Chosen on drawn pictures and on ten path-traced sessions."""
 
     blur_px: float = 0.8  # standard deviation of a lens in focus
+    uneven: float = 0.4  # deviation of its pull along a lopsided line, over that, from which it is no light's
     broader: float = 1.5  # breadth from which a line is measured again with longer profiles
     # noise of whole rows, or columns, of pixels
     row_run: int = 12  # points of a line on one row, from which it matters: as long as other errors are shared
