@@ -56,6 +56,8 @@ def test_tiny_deflections_never_give_a_confident_number() -> None:
             assert withheld(contact)
     assert set(statuses[:2]) <= {"no_contact", "low_signal"}
     assert "low_signal" in statuses
+    light = frame(0.2, 4.4, 4e-4, UPRIGHT, seed=4)  # a badly known distance is no contact at the clamp
+    assert judged(light, UPRIGHT.rig(STD)).status == "low_signal"
 
 
 @pytest.mark.parametrize("seed", range(2))

@@ -29,7 +29,7 @@ from pydantic.json_schema import GenerateJsonSchema
 from pydantic_core import ErrorDetails, core_schema
 from yaml import YAMLError
 
-from .errors import InputError, quoted
+from .errors import InputError, about, quoted
 from .files import read_text, with_lines
 
 T = TypeVar("T")
@@ -99,7 +99,8 @@ def checked(model: type[T], data: Any, where: object, remedy: str, key: str = ""
         raise InputError(f"{name} is not a finite number", where=place, remedy="give a number in SI units")
     kind: Any = model
     try:
-        found: T = _adapter(kind).validate_python(data)
+        with about(where):  # what a value is made into may refuse it, too
+            found: T = _adapter(kind).validate_python(data)
         return found
     except ValidationError as error:
         place = _with_line(where, data, _first(error)["loc"])

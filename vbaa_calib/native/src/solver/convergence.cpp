@@ -48,6 +48,7 @@ void begin(const Task& task, const Fit* rough, Fit& fit, bool with_feet, double 
     const auto& [rig, frame, rung, work] = task;
     fit.scatter = scatter;
     fit.converged = fit.at_tip = false;
+    fit.to_tip = {};
     if (rough != nullptr) {
         fit.steps = rough->steps;
         fit.columns = rough->columns;

@@ -67,8 +67,9 @@ bool out_of_ordinary(const Numbers& n, const Limits& limits) {
 std::uint64_t noticed_of(const Numbers& n, const Limits& limits) {
     const double friction = std::abs(n.unknowns[UNKNOWNS - 1]), bias = n.bias[n.rung];
     const bool mirrored = n.ambiguous && (n.marginal || !any_reading(n));
-    const bool at_clamp = n.unknowns[0] - std::max(n.std[0], NEAR_CLAMP) <= NEAREST,
-               too_steep = friction > limits.steepest;
+    // of others a distance that may as well be any is too uncertain, no nearer one
+    const double least = n.unknowns[0] - std::max(NEAR_CLAMP, n.marginal ? n.std[0] : 0.0);
+    const bool at_clamp = least <= NEAREST, too_steep = friction > limits.steepest;
     const bool twice = n.second_gain > limits.second_contact && n.second_shift > limits.second_shift;
     // without a reading a steep bend along the line of sight fits almost anything, if not quite
     const bool blind = mirrored && (n.scatter > 1.0 || friction > limits.steepest_blind);
