@@ -31,8 +31,7 @@ def test_every_public_name_is_there_and_importing_it_loads_nothing_heavy() -> No
 
 def test_a_picture_to_a_contact_in_one_call() -> None:
     """From a file and from its pixels the same as in the session; and while frames come. Arrays cannot be changed."""
-    rig = vbaa.Rig.load(small_rig() / "rig.json")
-    estimator = vbaa.ContactEstimator(rig)
+    estimator = vbaa.ContactEstimator(vbaa.Rig.load(small_rig() / "rig.json"))
     table = estimator.estimate_session(small_rig() / "session")
     frames = read_recording(vbaa.load_session(small_rig() / "session"))
     several = [

@@ -69,8 +69,7 @@ def test_a_whisker_bent_far_is_fitted_as_an_elastica(sign: float) -> None:
     length, stiffness, force = 0.24, 0.0039, 0.12 * sign
     x = np.linspace(0.01, 0.17, 20)
     _, loaded = rod_deflections(x, force, length, stiffness)
-    unloaded = np.zeros_like(x)
-    fine = solve_stiffness(DeflectionTable(x, unloaded, loaded, force, length))
+    fine = solve_stiffness(DeflectionTable(x, np.zeros_like(x), loaded, force, length))
     assert fine.model == "elastica"
     assert fine.fit.stiffness_Nm2 == pytest.approx(stiffness, rel=1e-3)
     assert abs(fine.linear_bias) > 0.01

@@ -83,8 +83,7 @@ def test_a_ball_is_no_tip(radius_px: float) -> None:
     ball = np.zeros(SIZE, np.float32)
     cv2.circle(ball, np.rint(16 * path[1]).astype(int).tolist(), round(16 * radius_px), 90.0, -1, shift=4)
     whole = np.maximum(tube(path, 2.9, 90.0, cut=True), cv2.GaussianBlur(ball, (0, 0), 0.8))
-    line = end_of(exposed(background(rng, 3.0) + whole, rng), longer(path), 2.9)
-    assert line.end != "tip"
+    assert end_of(exposed(background(rng, 3.0) + whole, rng), longer(path), 2.9).end != "tip"
 
 
 def test_a_line_that_leaves_the_picture_ends_at_its_border() -> None:

@@ -41,8 +41,7 @@ def test_errors_are_what_the_deviations_say() -> None:
     assert silent <= {"unobservable", "low_signal", "tip_contact"}
     squares = np.array([deviations(contact, seen) for contact, seen in good]) ** 2
     assert ((squares.mean(axis=0) > 0.5) & (squares.mean(axis=0) < 1.6)).all(), squares.mean(axis=0)
-    points = np.array([point_nees(contact, seen) for contact, seen in good])
-    assert 0.5 < points.mean() < 1.6
+    assert 0.5 < np.array([point_nees(contact, seen) for contact, seen in good]).mean() < 1.6
     assert np.median([contact.distance_std_m for contact, _ in good]) < 1.5e-3
 
 

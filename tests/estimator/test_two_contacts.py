@@ -177,5 +177,4 @@ def test_pairs_are_rows_of_the_table(tmp_path: Path) -> None:
         assert abs(row.distance_m - distances[row.contact]) < 4.0 * row.distance_std_m
     assert read_contacts(out).frame.tolist() == [0, 1, 2]
     assert not read_contacts(out).located[np.isin([0, 1, 2], table.frame[table.paired])].any()
-    shared = shared_errors(rig, table)
-    assert np.isfinite(shared.point_m[table.located]).all()
+    assert np.isfinite(shared_errors(rig, table).point_m[table.located]).all()

@@ -193,7 +193,6 @@ def test_the_pinhole_and_the_numbers_are_the_rigs(tmp_path: Path, monkeypatch: p
 def test_simulators_agree_with_the_rod() -> None:
     """To 0.1 % of the length, in those that are there."""
     call = [sys.executable, "-m", "vbaa_calib", "bench", "simulators", "--quick", "--json"]
-    done = subprocess.run(call, capture_output=True, text=True, check=True)
-    found = json.loads(done.stdout)
+    found = json.loads(subprocess.run(call, capture_output=True, text=True, check=True).stdout)
     assert found["within"] or len(found["absent"]) == 2
     assert "simulators.csv" in SUBJECTS["simulators"].files

@@ -191,8 +191,7 @@ def test_files_are_whole_however_it_ends(number: signal.Signals, tmp_path: Path)
     assert [each["frame"] for each in said] == list(range(2 * len(frames())))
     process.send_signal(number)
     rest, words_said = process.communicate(timeout=60)
-    table = read_contacts(out)
-    assert table.frame.tolist() == [each["frame"] for each in said]
+    assert read_contacts(out).frame.tolist() == [each["frame"] for each in said]
     assert list(tmp_path.iterdir()) == [out]
     if number == signal.SIGINT:
         assert process.returncode == 0

@@ -81,8 +81,7 @@ def test_a_broken_picture_is_told_once_and_offered_when_mended(tmp_path: Path, d
     (note,) = source.notes
     assert note.startswith("bad.png: ")
     put(tmp_path / "bad.png", picture(2), age_s=0)
-    offered = source.next(2.0)
-    assert offered.name == "bad.png"
+    assert source.next(2.0).name == "bad.png"
 
 
 FRAMES = 25

@@ -80,8 +80,7 @@ def test_the_session_reader_takes_what_was_written(written: Path) -> None:
     assert session.T_antenna_board is not None
     assert len(session_files.read_noload(session)) == 2
     assert len(session_files.read_loads(session)) == 3
-    frames = session_files.read_recording(session)
-    assert [frame.frame for frame in frames] == list(range(6))
+    assert [frame.frame for frame in session_files.read_recording(session)] == list(range(6))
     names = {str(path.relative_to(written)) for path in written.rglob("*.png")}
     assert sum(name.startswith("intrinsics/") for name in names) == 2
     assert sum(name.startswith("plane/") for name in names) == 2

@@ -119,8 +119,7 @@ def test_solids_are_closed_and_of_the_sizes_asked_for(squares: tuple[int, int], 
 
 def test_the_boards_pose_is_that_of_the_tray(tmp_path: Path) -> None:
     """Its back lies on the floor, its plate against both walls, its face looks to the camera and below the antenna."""
-    text = _write_jig(tmp_path, (108.0, 84.0), **SIZES)
-    jig = yaml.safe_load(text)["jig"]
+    jig = yaml.safe_load(_write_jig(tmp_path, (108.0, 84.0), **SIZES))["jig"]
     pose = read_pose(jig["T_antenna_board"], "jig.yaml", "jig")
     corners = pose @ (1e-3 * np.array([[0.0, 0.0, 0.0], [108.0, 84.0, 0.0], [0.0, 0.0, -3.0]]))
     points = 1e-3 * triangles(tmp_path / "jig.stl").reshape(-1, 3)

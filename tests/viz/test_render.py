@@ -93,8 +93,7 @@ def test_gltf_is_sound_and_comes_back_without_opengl(
     np.testing.assert_array_equal(turn @ [0, 0, 1], [0, 1, 0])
     read = pv.read(path).combine()
     whole = stages.Stage(scene, [part for part in assemble.all_parts(scene) if part.name != "now"])
-    count = sum(actor.mapper.dataset.n_cells for actor in whole.actors)
-    assert read.n_cells == count
+    assert read.n_cells == sum(actor.mapper.dataset.n_cells for actor in whole.actors)
 
 
 @pytest.mark.parametrize("close", [False, True])
