@@ -30,12 +30,12 @@ from .parts import (
     Tip,
     kinematics_to_dict,
 )
-from .wrench_sensor import WrenchSensor
 
 if TYPE_CHECKING:
     from vbaa_calib.camera import CameraOnPlane
 
     from .rig_file import Joint
+    from .wrench_sensor import WrenchSensor
 
 
 def _joint_covariance(joint: Joint, lens: tuple[str, ...], where: object) -> np.ndarray:
