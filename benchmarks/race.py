@@ -264,7 +264,7 @@ def _rows(kind: str, noise_px: float, frames: Scenes) -> list[ContactsRow]:
             continue
         some = frames.picked(np.arange(min(len(frames), _FEW.get(name, len(frames)))))
         if name not in _FEW:
-            method(frames.picked(np.arange(2)))  # what is made ready once
+            method(frames.picked(np.arange(min(2, len(frames)))))  # what is made ready once
         found, seconds = timed(lambda: method(some))  # noqa: B023
         ms = 1e3 * seconds / len(some)
         rows.append(judged((kind, noise_px, name), [some], [found], bound(some), ms, rows[0].ms if rows else ms))
