@@ -62,7 +62,7 @@ def test_a_rig_without_a_sensor_is_one_whose_sensor_is_not_read() -> None:
     unread = estimator.estimate_batch(columns[0], None, *columns[2:], sigma_px=0.1)
     for name in ("distance_m", "distance_std_m", "force_N", "force_std_N", "covariance_world_m2"):
         np.testing.assert_array_equal(getattr(read, name), getattr(unread, name))
-        np.testing.assert_allclose(getattr(read, name), getattr(silent, name), rtol=5e-3, atol=1e-9)
+        np.testing.assert_allclose(getattr(read, name), getattr(silent, name), rtol=1.5e-2, atol=1e-9)
     assert (read.status == silent.status).all()
 
 

@@ -48,10 +48,10 @@ def seen(pose: str, seed: int = 3) -> tuple[Rig, Scenes]:
 
 
 def the_same(found: Contacts, pixels: Contacts) -> None:
-    """Statuses equal; numbers within 1e-5 standard deviations, and these within 1e-5; 1e-2 without a contact, where
+    """Statuses equal; numbers within 1e-5 standard deviations, and these within 1e-5; 3e-2 without a contact, where
     they are not reported."""
     assert list(found.status) == list(pixels.status)
-    std, rounding = pixels.numbers.std, np.where(np.isfinite(pixels.distance_m), 1e-5, 1e-2)[:, None]
+    std, rounding = pixels.numbers.std, np.where(np.isfinite(pixels.distance_m), 1e-5, 3e-2)[:, None]
     off = np.abs(found.numbers.unknowns - pixels.numbers.unknowns) / std
     assert (np.nan_to_num(off) <= rounding).all()
     assert (np.abs(found.numbers.std - std) <= rounding * std).all()
