@@ -292,10 +292,10 @@ def _followed(
     if cost > _ClockSettings.most_unexplained * min(float(np.median(whole[np.isfinite(whole)])), 1.0):
         what = f"at no offset within {farthest_s:g} s does the moment follow the bend that the pictures show"
         raise _refused(f"{what}; is it the moment about the antenna's y?")
-    found = _judged(windows, readings, offset_s, noise_Nm)
+    _, std_s, _ = found = _judged(windows, readings, offset_s, noise_Nm)
     for other in rivals:
         if other[0] < _ClockSettings.other_ratio * cost and abs(other[1] - offset_s) > max(
-            5.0 * found[1], 10.0 * _ClockSettings.steps_s[0]
+            5.0 * std_s, 10.0 * _ClockSettings.steps_s[0]
         ):
             what = f"{other[1]:+.2f} s fits about as well as {offset_s:+.2f} s, as when a motion repeats itself"
             raise _refused(what)

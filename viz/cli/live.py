@@ -283,7 +283,6 @@ class _Monitor:
         return self.stops and self.live.watch is not None and bool(self.live.watch.alarms)
 
     def write(self, contact: LiveContact) -> None:
-
         frame, own = contact.row.frame, contact.item.contact
         if contact.final:
             self.amended += self.at_once.pop(frame, own.status) != own.status
