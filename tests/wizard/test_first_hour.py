@@ -32,7 +32,7 @@ from ..small_scene import small_scene
 from .small_session import answers
 
 MOST_ANSWERS, MOST_WITHOUT_READINGS = 25, 15
-WRONG_MM = 90.0
+WRONG_MM = 80.0
 PATIENCE = 8
 """Looks at the folder without news after which a person types enough."""
 

@@ -88,7 +88,14 @@ Flags without_margins(const Flags& kept, int margin) {
     const Flags grown = each(count, [&](int n) { return around(kept, n, 1, true); });
     const Flags filled = each(
         count, [&](int n) { return kept[n] || (n > 0 && n < count - 1 && grown[n - 1] && grown[n] && grown[n + 1]); });
-    return each(count, [&](int n) { return kept[n] && !around(filled, n, margin, false); });
+    Flags inner = each(count, [&](int n) { return kept[n] && !around(filled, n, margin, false); });
+    // a few alone are another thing's
+    for (int n = 0, first = 0; n < count; n = first = n + 1) {
+        while (n < count && filled[n]) ++n;
+        if (n - first < LEAST_PROFILES)
+            std::fill(inner.begin() + first, inner.begin() + n, static_cast<unsigned char>(0));
+    }
+    return inner;
 }
 
 Evidence evidence(const Crossings& found, const FittedLine& line) {

@@ -6,6 +6,8 @@
 
 namespace vbaa::detect {
 
+constexpr int LEAST_PROFILES = 8;  // for there to be a line, and for its noise to be measured
+
 // A line fitted to N profiles, not yet accepted as the antenna.
 struct FittedLine {
     Numbers centre, course;  // (N,) along the profiles, px; the course is smooth
@@ -33,7 +35,8 @@ struct Evidence {
     double snaking_rad;        // by how much that curve turns to and fro
 };
 
-// The kept points (N,) but for so many on either side of a gap; a profile or two that noise hides are no gap.
+// The kept points (N,) but for so many on either side of a gap, and without those that are too few between two gaps for
+// there to be a line; a profile or two that noise hides are no gap.
 Flags without_margins(const Flags& kept, int margin);
 
 // Of a line that is kept somewhere.

@@ -11,7 +11,6 @@
 namespace vbaa::detect {
 
 // Of the ribbon's line, too:
-constexpr int LEAST_PROFILES = 8;               // for there to be a line, and for its noise to be measured
 constexpr double STRAY = 5.0, STRAY_PX = 0.12;  // deviations, and px, off a smooth curve: another thing's point
 constexpr int CURVE_PIECES = 12;  // of the curve that points scatter about: it must not follow what neighbours share
 constexpr int NEAR_POINTS = 41;   // neighbours: their scatter is compared with their deviations
