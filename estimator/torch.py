@@ -102,7 +102,8 @@ class ContactLayer(torch.nn.Module):
         moment : (B,) N·m, or (B, 2) with that about z; None or NaN: by the picture alone.
         joints : (B, 2) pan and tilt, rad; None: 0.
         plane_xy_m : in place of pixels, (B, N, 2) m on plane C, as `rig.camera_on_plane()` gives them.
-        sigma_px : standard deviation of the points across the antenna; by default what the rig's own pictures showed.
+        sigma_px : standard deviation of the points across the antenna; by default their own scatter, and no less than
+            the rig's pictures showed.
 
         Raises
         ------

@@ -48,8 +48,8 @@ class SessionContactEstimator(ContactEstimator):
         centreline_px : (N, 2) pixels on the antenna's centreline, in any order; rows with NaN are ignored.
         moment : the sensor's reading, N·m; None or NaN for vision alone.
         pan, tilt : joint angles, rad.
-        sigma_px : standard deviation across the antenna, one or (N,), of centreline_px; by default what the rig's own
-            pictures showed.
+        sigma_px : standard deviation across the antenna, one or (N,), of centreline_px; by default the points' own
+            scatter, and no less than the rig's pictures showed.
         moment_z : reading of a second sensor about z, if the rig has one.
         readings : further ones of a wrench sensor, by the columns of `session.READINGS`.
         jacobian : whether the contact gets its derivatives by pixels, moments, joints and rig; not of an image.

@@ -114,7 +114,7 @@ def _words(found: Refined) -> list[str]:
     before, after = (1e3 * (numbers["distance_std_m"][name] or 0.0) for name in ("framewise", "refined"))
     common = 1e3 * (numbers["distance_shared_std_m"]["refined"] or 0.0)
     lines = [
-        f"{numbers['refined']} of {numbers['located']} contacts refined: distance known to {after:.2f} mm, "
+        f"{numbers['refined']} of {numbers['located']} contacts refined: distance known to {after:.2f} mm (rms), "
         f"{common:.2f} mm of it common to all; before, frame by frame, to {before:.2f} mm",
         f"the rig is off by {found.offness:.1f} standard deviations of its calibration",
     ]

@@ -113,8 +113,8 @@ class ContactEstimator:
             with several cameras, those of each that saw the antenna, by its name.
         moment : the sensor's reading, N·m; None or NaN for vision alone.
         pan, tilt : joint angles, rad.
-        sigma_px : standard deviation across the antenna, one or (N,); by default what the rig's own pictures showed. Of
-            several cameras one for all, or by name.
+        sigma_px : standard deviation across the antenna, one or (N,); by default the points' own scatter, and no less
+            than the rig's pictures showed. Of several cameras one for all, or by name.
         moment_z : reading of a second sensor about z, if the rig has one.
         readings : further ones of a wrench sensor, by the columns of `session.READINGS`.
         jacobian : whether the contact gets its derivatives, `Contact.jacobian`.
@@ -200,7 +200,8 @@ class ContactEstimator:
             with several cameras such ones by name; a camera without a point in a frame drops out of that.
         moments, moments_z : (B,) N·m, None or an entry None or NaN for vision alone. pans, tilts : (B,) rad.
         readings : (B,) of each further column of `session.READINGS`.
-        sigma_px : one, (B, 1) or (B, N); by default what the rig's own pictures showed.
+        sigma_px : one, (B, 1) or (B, N); by default the points' own scatter, and no less than the rig's pictures
+            showed.
         jacobian : whether the contacts get their derivatives, `Contacts.jacobian`.
         plane_xy_m, covariance_m2 : in place of pixels, (B, N, 2) m and (B, N, 2, 2) m², or B of their own lengths, as
             for `estimate`; `Measured.on_plane` makes the frames of `run` of them.

@@ -634,7 +634,8 @@ def _lines(
     if covariance_m2 is not None and (plane_xy_m is None or sigma_px is not None):
         raise InputError("covariance_m2 is not of pixels", remedy="give it with plane_xy_m and without sigma_px")
     if plane_xy_m is None:
-        return _points(centrelines_px), rig.image.noise_px, None
+        points = _points(centrelines_px)
+        return points, _absent_px(rig, points, sigma_px), None
     several = isinstance(plane_xy_m, Iterable) and not hasattr(plane_xy_m, "ndim")
     lines = list(plane_xy_m) if several and not isinstance(plane_xy_m, Mapping) else plane_xy_m
     points = _points(lines, "plane_xy_m", "give (N, 2) m on plane C for every frame, of one camera")
@@ -645,7 +646,17 @@ def _lines(
             raise InputError("covariance_m2 has other lengths than plane_xy_m", remedy=remedy)
         covariance_m2 = _padded(parts, np.nan) if parts else np.eye(2)
     pixels, own, shape = pixels_on_plane(rig.camera, rig.T_antenna_camera, points, covariance_m2)
-    return pixels, rig.image.noise_px if own is None else own, shape
+    return pixels, _absent_px(rig, pixels, sigma_px) if own is None else own, shape
+
+
+def _absent_px(rig: Rig, lines_px: np.ndarray, sigma_px: Any) -> float:
+    """Standard deviation, px, of the points of lines (B, N, 2) where none is stated: what the rig's own pictures
+    showed, or their scatter if that is far larger."""
+    usual, settings = rig.image.noise_px, OutlierSettings()
+    if sigma_px is not None:
+        return usual
+    scatter = point_scatter(list(lines_px), list(np.ones(lines_px.shape[:2])))
+    return scatter if scatter > settings.tolerated * usual else usual
 
 
 def _padded(several: Sequence[np.ndarray], missing: float) -> np.ndarray:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from benchmarks.mistakes.recordings import Recording, motion, recorded
 from benchmarks.mistakes.rigs import KINDS, Kind, known_rig
@@ -67,3 +68,24 @@ def test_contacts_know_how_well_a_tracker_sees(stated: float | None) -> None:
     assert located > 0.6 * touched
     assert np.abs(errors).max() < 4.5
     assert np.sqrt(np.mean(np.square(errors))) < 1.5
+
+
+def test_frames_by_hand_know_how_well_a_tracker_sees() -> None:
+    """From Python without sigma_px the points' own scatter counts, in pixels, on plane C, and for tensors with
+    gradients among the readings; it is never less than the calibration's pictures had."""
+    for kind in KINDS[1:]:
+        was = recording(kind, 7, sigma_px=4.0 * kind.sigma_px)
+        estimator, several = ContactEstimator(was.rig), was.frames
+        readings = [np.array([getattr(one, name) for one in several]) for name in ("moment_Nm", "pan_rad", "tilt_rad")]
+        lines = [one.points_px for one in several]
+        own = estimator.estimate_batch(lines, *readings)
+        true = estimator.estimate_batch(lines, *readings, sigma_px=4.0 * kind.sigma_px)
+        assert (own.status == true.status).mean() > 0.9
+        ratio = own.distance_std_m / true.distance_std_m
+        assert 0.85 < np.nanmedian(ratio) < 1.15
+        on_plane = was.rig.camera_on_plane()(lines[0])[0]
+        given = {
+            name: torch.tensor(column[0], requires_grad=True)
+            for name, column in zip(("moment", "pan", "tilt"), readings, strict=True)
+        }
+        assert estimator.estimate(plane_xy_m=on_plane, **given).status == estimator.estimate(lines[0], **given).status

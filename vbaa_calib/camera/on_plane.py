@@ -96,9 +96,12 @@ class CameraOnPlane(torch.nn.Module):
         return self._jacobian(pixels, by_parameter=True)
 
     def covariance(self, pixels: ArrayT, sigma_px: float | ArrayT) -> ArrayT:
-        """Covariance (..., 2, 2) m² on the plane from independent pixel noise of sigma_px, a number or (...)."""
+        """Covariance (..., 2, 2) m² on the plane from independent pixel noise of sigma_px, a number or (...). Raises
+        InputError where sigma_px is negative."""
         jacobian = self.pixel_jacobian(pixels)
         sigma = like(jacobian, sigma_px)[..., None, None]
+        if (sigma < 0.0).any():
+            raise InputError("sigma_px is negative", remedy="give the standard deviation of the pixels, px")
         return (jacobian * sigma) @ (jacobian * sigma).swapaxes(-1, -2)
 
     def _apply(self, fn: Callable[[torch.Tensor], torch.Tensor], recurse: bool = True) -> CameraOnPlane:

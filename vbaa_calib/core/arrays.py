@@ -153,8 +153,10 @@ def as_floats(values: Any, name: str, remedy: str) -> np.ndarray:
             values = values.detach().cpu().numpy()
         if masked and values.dtype.kind in "iuf":
             values = values.astype(float).filled(np.nan)
-        # NumPy takes a list of numbers and booleans for numbers
-        array = np.array(values, object) if isinstance(values, list | tuple) else np.asarray(values)
+        if isinstance(values, list | tuple):
+            # NumPy takes a list of numbers and booleans for numbers, and no tensor with gradients
+            values = np.array([one.detach().cpu().numpy() if is_tensor(one) else one for one in values], object)
+        array = np.asarray(values)
         if array.dtype.kind == "O":
             array = np.array([_number(one) for one in array.ravel()]).reshape(array.shape)
         if array.dtype.kind not in "iuf":

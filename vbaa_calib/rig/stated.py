@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from vbaa_calib.antenna.shape import PARAMETERS as ANTENNA_PARAMETERS
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.models import checked
 from vbaa_calib.geometry import Kinematics, Pose
@@ -28,7 +29,11 @@ def _antenna(stated: StatedAntenna) -> dict[str, Any]:
 def stated_rig(path: Path) -> dict[str, Any]:
     """The rig in a YAML file (`StatedFile`) in the form of rig.json. World frame: origin in the picture's middle in
     the antennas' plane, x to the right, y up, z to the camera. Raises InputError naming the key that is wrong."""
-    read = checked(StatedFile, read_yaml(path), path, "`vbaa schema whiskers` prints what is expected")
+    known = read_yaml(path)
+    if known.get("schema") != StatedFile.VERSION:
+        remedy = f"give rig.json of `vbaa calibrate`, or a file of {StatedFile.VERSION}"
+        raise InputError(f"is no rig: schema is {known.get('schema')!r}", where=path, remedy=remedy)
+    read = checked(StatedFile, known, path, "`vbaa schema whiskers` prints what is expected")
     view, (width, height) = read.camera, read.camera.centre_px
     antennas = {name: _antenna(each) for name, each in read.antennas.items()}
     matrix = [[view.focal_px, 0.0, width], [0.0, view.focal_px, height], [0.0, 0.0, 1.0]]

@@ -158,10 +158,11 @@ def _rig_findings(rig: Rig, quality: Mapping[str, Any], nominal_Nm2: float | Non
     """Findings on the questions that rig.json answers without new pictures."""
     # the calibration repeats what its lens' verdict says
     lines = dict.fromkeys(line for at_ in ((), ("lens",)) for line in _listed(at(quality, *at_, "warnings")))
+    noted = {str(one) for one in rig.verdict.findings if one.severity == "note"}
     remedy = "do what they say, then calibrate again"
     wrong = rig.verdict.severity == "wrong" or at(quality, "lens", "grade") == "do not use"
     limits = (0, 0 if wrong else np.inf)
-    doubts = _graded("doubts", len(lines), limits, "; ".join(lines) or "none", remedy)
+    doubts = _graded("doubts", len(lines.keys() - noted), limits, "; ".join(lines) or "none", remedy)
     doubts = doubts if quality else Finding("doubts", UNANSWERED, "not recorded")
     name, ratio = "planar_ambiguity", _number_at(quality, "plane_second_solution_ratio")
     if ratio is not None:
