@@ -16,6 +16,13 @@ from .made_once import FOLDER
 # FFmpeg's level is read once a process: before the first video, and tests write some
 silence_opencv()
 OWNED = pytest.StashKey[str]()
+LONGEST = (
+    "test_mistakes.py",
+    "test_another_camera.py",
+    "test_stiffness_photo.py",
+    "test_fuzz.py",
+    "test_first_hour.py",
+)
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -31,8 +38,8 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest file first: as the last one it would leave the other worker idle."""
-    items.sort(key=lambda item: item.path.name != "test_mistakes.py")
+    """The longest files first: as the last one each would leave the other worker idle."""
+    items.sort(key=lambda item: LONGEST.index(item.path.name) if item.path.name in LONGEST else len(LONGEST))
 
 
 def pytest_collection_finish() -> None:

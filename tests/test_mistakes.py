@@ -18,8 +18,8 @@ MOST_SILENT, FEWEST_NAMED, MOST_DOUBTED = 0.0, 0.95, 0.02
 
 
 QUICK = {
-    TAKEN: ((15, 0, 0), (32, 0, 0), (35, 1, 0), (39, 0, 0)),
-    RECORDED: ((2, 2, 0), (9, 1, 3), (17, 2, 0), (26, 2, 0), (34, 1, 0), (42, 0, 0), (47, 2, 0)),
+    TAKEN: ((32, 0, 0), (35, 1, 0), (39, 0, 0)),
+    RECORDED: ((2, 2, 0), (17, 0, 3), (26, 0, 2), (34, 0, 1), (42, 0, 0), (47, 2, 0)),
 }
 """Rows with the other tests, one of each kind, with the rig and draw on which it is decided soonest. Of sessions, from
 pictures to rig, few: their rows, sensor and jig alone in tests/calibrate/test_diagnose.py."""
@@ -74,7 +74,7 @@ class TestCleanMaterial:
     """Rigs unlike ours: 60 to 500 mm, 300 to 2,000 px, upright or inclined to 60°, steel or nitinol."""
 
     @pytest.mark.parametrize(
-        ("first", "count"), [(0, 4), pytest.param(4, 196, marks=pytest.mark.slow)], ids=["some", "many"]
+        ("first", "count"), [(0, 2), pytest.param(2, 198, marks=pytest.mark.slow)], ids=["some", "many"]
     )
     def test_nothing_is_reported(self, first: int, count: int) -> None:
         found = [pair for seed in range(first, first + count) for pair in clean_pair((0, seed))]

@@ -135,7 +135,7 @@ def photographed(name: str, colour: bool = False) -> RodLine:
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=[pytest.mark.slow] * (name not in ("10cm_5", "20cm_4", "strip")))
+        pytest.param(name, marks=[pytest.mark.slow] * (name not in ("10cm_1", "20cm_4", "strip")))
         for name in (*YARNS, "strip")
     ],
 )

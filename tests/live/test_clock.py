@@ -91,7 +91,7 @@ def test_what_the_data_do_not_show_is_refused() -> None:
             clock_offset(estimator(), *given)
 
 
-@pytest.mark.parametrize(("offset_s", "rate_Hz"), [(0.137, 24.0), (-2000.0, 30.0)])
+@pytest.mark.parametrize(("offset_s", "rate_Hz"), [pytest.param(0.137, 24.0, marks=pytest.mark.slow), (-2000.0, 30.0)])
 def test_another_cameras_clock_is_found(offset_s: float, rate_Hz: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """From the bend that both cameras see from different sides, at other rates; also clocks that are far apart."""
     other, rng = World(camera_pose(-0.5, 0.4)), np.random.default_rng(2)

@@ -10,6 +10,7 @@ import numpy as np
 
 from vbaa_calib.core.files import read_json, read_yaml
 from vbaa_calib.rig import Rig
+from vbaa_calib.wizard.questions import BY_KEY
 from vbaa_calib.wizard.store import Store
 
 from ..cli.test_several_cameras import _make
@@ -55,7 +56,8 @@ def test_two_cameras_come_into_one_rig(tmp_path: Path) -> None:
         kept = own.journal.answers
     assert kept["jig_translation_mm"] == [36, 60, -8]
     assert kept.get("source") != str(tmp_path / "left")
-    assert call(right, "--answers", files["right"])[0] == 0
+    with Store(right) as own:
+        own.answer({key: BY_KEY[key].read(value) for key, value in read_yaml(files["right"]).items()})
     code, said = call(session)
     assert code == 0, said
     rig, truth = Rig.load(session / "rig.json"), read_json(made / "session" / "truth.json")
