@@ -134,6 +134,7 @@ class World:
     kink: tuple[float, float, float] = (0.0, 0.0, 0.0)
     gravity_world_m_s2: np.ndarray = field(default_factory=lambda: GRAVITY_WORLD_M_S2)
     taper: Taper = UNIFORM
+    softer_z: float = 0.0
 
     @property
     def rod(self) -> Rod:
@@ -188,12 +189,15 @@ class Bent:
     def of(world: World, gravity: np.ndarray, distance_m: np.ndarray, force_N: np.ndarray) -> Bent:
         """Under gravity (F, 3) and forces (F, 3) at arc lengths (F,), antenna frame."""
         parameters, rod = world.parameters, world.rod
+        # to the softer side everything pulls harder, but for the sensor
+        softer = np.array([1.0, 1.0, 1.0 + world.softer_z])
+        gravity, force_N = gravity * softer, force_N * softer
         moment = solve_rod(rod, gravity, distance_m, force_N).clamp_moment_Nm
         turned = Rotation.from_rotvec(parameters[8] / np.exp(parameters[6]) * moment * [0.0, 1.0, 1.0])
         # the clamp turns: as if weight and force turned the other way, and then all that is seen with the clamp
         shape = solve_rod(rod, turned.inv().apply(gravity), distance_m, turned.inv().apply(force_N))
         moment = turned.apply(shape.clamp_moment_Nm)
-        readings = np.column_stack([world.offset_Nm - world.gain * moment[:, 1], moment[:, 2]])
+        readings = np.column_stack([world.offset_Nm - world.gain * moment[:, 1] / softer[2], moment[:, 2]])
         bent = Bent(world, shape, turned, readings, np.zeros((len(gravity), 3)))
         return replace(bent, contact_m=bent.points(distance_m[:, None])[:, 0])
 

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from targets.board import AprilGrid
+from vbaa_calib.antenna.materials import MATERIALS
 from vbaa_calib.antenna.shape import PARAMETERS
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
@@ -38,7 +39,7 @@ class _Mistake:
     prior_std : of its values, about 0. log_prior : log odds before anything was seen.
     gross : whether it cannot hide: not tried where all fits as reported; single : not even in one row.
     moments : whether the sensor has a say.
-    within : what the values must keep to. slopes : see `Witness.forecast`.
+    within : what the values must keep to. slopes, further : see `Witness.forecast`.
     """
 
     alter: Alteration
@@ -50,6 +51,7 @@ class _Mistake:
     moments: bool = False
     within: Callable[[RigFit], bool] = lambda fit: True
     slopes: Callable[[np.ndarray], np.ndarray] | None = None
+    further: Sequence[np.ndarray] = ()
 
 
 def _percent(value: float, std: float) -> str:
@@ -380,7 +382,14 @@ def _materials(witness: Witness) -> Iterator[_Mistake]:
         ratio = float(np.exp(fit.parameters[12] - witness.problem.prior.mean[6]))
         return SETTINGS.moduli_Pa[0] <= ratio * nominal.youngs_modulus_Pa <= SETTINGS.moduli_Pa[1]
 
-    yield _Mistake(other, says, SETTINGS.material, 0.0, within=possible)
+    # EI and the mass per length of each usual material, as parameters of the rig and as values
+    count, further = len(witness.starts[0]), []
+    for material in MATERIALS.values():
+        step = np.zeros(count + 2)
+        ratios = material.youngs_modulus_Pa / nominal.youngs_modulus_Pa, material.density_kg_m3 / nominal.density_kg_m3
+        step[[12, 13]] = step[count:] = np.log(ratios)
+        further.append(step)
+    yield _Mistake(other, says, SETTINGS.material, 0.0, within=possible, further=further)
 
 
 # ---- gravity and joints
@@ -395,18 +404,23 @@ def _always(diagnosis: Diagnosis, fit: RigFit) -> Diagnosis:
     return diagnosis
 
 
-def _gravity(witness: Witness) -> Iterator[_Mistake]:
-    """Hypotheses of gravity's direction, and of the joints' readings."""
-    kinematics, world = witness.kinematics, witness.session.gravity_world_m_s2
-    frames = [one.still for one in witness.problem.observations]
-    noted = np.array([one.gravity_m_s2 for one in witness.problem.observations])
-    known = [noted]
+def _news(witness: Witness) -> Callable[[np.ndarray], bool]:
+    """Whether gravity (F, 3) in the frames differs from the reported one and from all that it was called with."""
+    known = [np.array([one.gravity_m_s2 for one in witness.problem.observations])]
 
     def new(pulls: np.ndarray) -> bool:
         differs = all(np.abs(pulls - other).max() > 0.05 for other in known)
         known.append(pulls)
         return differs
 
+    return new
+
+
+def _gravity(witness: Witness) -> Iterator[_Mistake]:
+    """Hypotheses of gravity's direction."""
+    kinematics, world = witness.kinematics, witness.session.gravity_world_m_s2
+    frames = [one.still for one in witness.problem.observations]
+    new = _news(witness)
     worlds = {
         f"gravity pointed to {'+−'[sign < 0]}{name} of the world": G * (sign * np.eye(3)[axis])
         for axis, name in enumerate("xyz")
@@ -424,27 +438,6 @@ def _gravity(witness: Witness) -> Iterator[_Mistake]:
             "gravity_direction",
             f"the antenna's pictures look as if {words}, not as reported",
             f"gravity_world: [{numbers}] in session.yaml would fit; check where the world's axes point",
-            "wrong",
-        )
-        if new(pulls):
-            yield _Mistake(partial(_with_gravity, pulls), partial(_always, likely), (), log_prior, moments=True)
-    # How the joints would have moved, what to correct, and the matrix that puts (pan, tilt) right.
-    faults = (
-        ("the tilt turned the other way", "the sign of tilt_rad", np.diag([1.0, -1.0])),
-        ("the pan turned the other way", "the sign of pan_rad", np.diag([-1.0, 1.0])),
-        ("pan and tilt were exchanged", "the columns pan_rad and tilt_rad", np.array([[0.0, 1.0], [1.0, 0.0]])),
-        ("the angles were in degrees", "the unit: angles are in rad", np.pi / 180 * np.eye(2)),
-        ("the angles had been turned into rad twice", "the angles: they are in rad once", 180 / np.pi * np.eye(2)),
-        ("the tilt stayed at 0", "tilt_rad, or connect its encoder", np.diag([1.0, 0.0])),
-    )
-    for words, what, turn in faults:
-        angles = [turn @ (one.pan_rad, one.tilt_rad) for one in frames]
-        moved = [replace(one, pan_rad=float(a[0]), tilt_rad=float(a[1])) for one, a in zip(frames, angles, strict=True)]
-        pulls = gravity_antenna(kinematics, world, moved)
-        likely = Diagnosis(
-            "joint_readings_wrong",
-            f"the antenna's pictures look as if {words}, not as reported",
-            f"correct {what}, in all tables",
             "wrong",
         )
         if new(pulls):
@@ -474,6 +467,40 @@ def _gravity(witness: Witness) -> Iterator[_Mistake]:
         )
 
     yield _Mistake(tilted, tilt, (0.5 * SETTINGS.turn_rad,) * 2, SETTINGS.mistake, moments=True)
+
+
+def _joints(witness: Witness) -> Iterator[_Mistake]:
+    """Hypotheses of signs, units and order of the joints' readings."""
+    return (cause for _, cause in _joint_faults(witness))
+
+
+def _joint_faults(witness: Witness) -> Iterator[tuple[str, _Mistake]]:
+    """Those hypotheses, each with the fault in words."""
+    kinematics, world = witness.kinematics, witness.session.gravity_world_m_s2
+    frames = [one.still for one in witness.problem.observations]
+    new = _news(witness)
+    # How the joints would have moved, what to correct, and the matrix that puts (pan, tilt) right.
+    faults = (
+        ("the tilt turned the other way", "the sign of tilt_rad", np.diag([1.0, -1.0])),
+        ("the pan turned the other way", "the sign of pan_rad", np.diag([-1.0, 1.0])),
+        ("pan and tilt were exchanged", "the columns pan_rad and tilt_rad", np.array([[0.0, 1.0], [1.0, 0.0]])),
+        ("the angles were in degrees", "the unit: angles are in rad", np.pi / 180 * np.eye(2)),
+        ("the angles had been turned into rad twice", "the angles: they are in rad once", 180 / np.pi * np.eye(2)),
+        ("the tilt stayed at 0", "tilt_rad, or connect its encoder", np.diag([1.0, 0.0])),
+    )
+    for words, what, turn in faults:
+        angles = [turn @ (one.pan_rad, one.tilt_rad) for one in frames]
+        moved = [replace(one, pan_rad=float(a[0]), tilt_rad=float(a[1])) for one, a in zip(frames, angles, strict=True)]
+        pulls = gravity_antenna(kinematics, world, moved)
+        likely = Diagnosis(
+            "joint_readings_wrong",
+            f"the antenna's pictures look as if {words}, not as reported",
+            f"correct {what}, in all tables",
+            "wrong",
+        )
+        if new(pulls):
+            alter = partial(_with_gravity, pulls)
+            yield words, _Mistake(alter, partial(_always, likely), (), SETTINGS.mistake - 1.5, moments=True)
 
 
 # ---- antenna and clamp
@@ -667,6 +694,7 @@ def _antenna(witness: Witness) -> Iterator[_Mistake]:
             f"the antenna is {_percent(fit.values[0], fit.std[0])} stiffer against bending to {side} than to the other "
             "side",
             "is the whisker round? EI is the mean of both",
+            "wrong" if abs(fit.values[0]) > 0.03 else "doubt",
         )
 
     yield _Mistake(partial(_with_uneven, [0]), uneven, (SETTINGS.uneven,), SETTINGS.rare)
@@ -768,6 +796,7 @@ _TABLE: tuple[Callable[[Witness], Iterator[_Mistake]], ...] = (
     _all_loads,
     _materials,
     _gravity,
+    _joints,
     _since,
     _camera,
     _antenna,
@@ -810,7 +839,7 @@ def _explanations(witness: Witness) -> Iterator[Explanation[Witness]]:
     for cause in causes:
         if cause.gross and not (excess > SETTINGS.misfit and (widely or cause.single)):
             continue
-        found, at = witness.forecast(cause.alter, cause.prior_std, slopes=cause.slopes)
+        found, at = witness.forecast(cause.alter, cause.prior_std, slopes=cause.slopes, further=cause.further)
         forecast = found - base + cause.log_prior
         if forecast > DecisionSettings.least_log_odds - (SETTINGS.by_moments if cause.moments else SETTINGS.hopeless):
             ranked.append((forecast, cause, at))
@@ -836,6 +865,33 @@ def _moments_of(witness: Witness, fit: RigFit) -> float:
     spread = 10.0 * max(float(np.ptp(readings.read)), readings.std_Nm)
     any_gain = spread / max(float(np.ptp(readings.true)), 1e-12)
     return readings.log_likelihood(0.0, any_gain, offset_std_Nm=spread)[0]
+
+
+def _joints_untested(witness: Witness, reported: RigFit) -> list[Diagnosis]:
+    """A note where pictures and moments do not refute other signs or another order or unit of the joints' readings."""
+    moments, possible = _moments_of(witness, reported), []
+    for words, cause in _joint_faults(witness):
+        gained = witness.forecast(cause.alter)[0] - reported.log_likelihood
+        if gained < -DecisionSettings.least_log_odds - SETTINGS.by_moments:
+            continue
+        fit = witness.fit(cause.alter, least=reported.log_likelihood - SETTINGS.behind)
+        if fit is None:
+            continue
+        gained = fit.log_likelihood + _moments_of(witness, fit) - reported.log_likelihood - moments
+        if gained > -DecisionSettings.least_log_odds:
+            possible.append(words)
+    if not possible:
+        return []
+    return [
+        Diagnosis(
+            "joints_untested",
+            f"gravity bends this antenna too little to show whether {' or '.join(possible)}: the joints' readings are "
+            "taken as reported",
+            "turn each joint by hand and see that its angle in rad grows the right way, or add no-load frames at "
+            "larger tilts",
+            "note",
+        )
+    ]
 
 
 def _sensor_diagnoses(readings: MomentReadings) -> list[Diagnosis]:
@@ -865,16 +921,15 @@ def _session_diagnoses(
     fit = right.reported
     if fit is None or fit.scale > SETTINGS.fits:
         return [_contradiction(np.inf if fit is None else fit.scale), *found]
-    if channels := right.channels(fit):
-        return [*found, *channel_diagnoses(channels)]
-    return [*found, *_sensor_diagnoses(right.moments(fit))]
+    channels = right.channels(fit)
+    sensor = channel_diagnoses(channels) if channels else _sensor_diagnoses(right.moments(fit))
+    return [*found, *sensor, *_joints_untested(right, fit)]
 
 
 def with_cause(error: SolveError, causes: Sequence[Diagnosis]) -> SolveError | InputError:
     """An error of `solve_antenna` with the likeliest of its `failure_causes`, or a note that none is found."""
-    typed = [one for one in causes if one.name.startswith("load_")]
-    if typed:
-        return InputError(f"{error}. {typed[0].words}", remedy=typed[0].remedy)
+    if causes and causes[0].name.startswith("load_"):
+        return InputError(f"{error}. {causes[0].words}", remedy=causes[0].remedy)
     if causes:
         return SolveError(f"{error}. Likely: {causes[0]}")
     return SolveError(
@@ -891,6 +946,8 @@ def failure_causes(
         found = _session_diagnoses(session, kinematics, observations, before)
     except SolveError:
         found = []
+    if found and found[0].name != "stills_contradict":
+        return found
     loads = [one.still for one in observations if isinstance(one.still, Load)]
     return [one for one in found if one.grave] or typed_load_diagnoses(loads, session.antenna) or found
 

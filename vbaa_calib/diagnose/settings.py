@@ -18,7 +18,6 @@ class _SessionSettings:
     usual_cost: float = 3.2  # nats of a picture that fits
     far_off: float = 10.0  # scatter of most pictures from which a solve begins with least squares
     moment_relative: float = 2e-3  # of a moment, by which it is predicted at best
-    log_stiffness_std: float = 0.05  # of E·πd⁴/64 about EI, where modulus and diameter are as reported
     left_out: float = 30.0  # nats that a picture costs that nothing explains
     rounds: int = 5  # of weighing the pictures in a forecast
     # mistakes in a session

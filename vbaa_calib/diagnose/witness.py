@@ -13,6 +13,7 @@ from vbaa_calib.antenna.shape import Curves
 from vbaa_calib.calibrate.antenna.bundle_adjustment import noise_scale
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
 from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN, OFFSET, LensLost, Problem
+from vbaa_calib.calibrate.antenna.settings import AntennaSettings
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import SolveError
 from vbaa_calib.core.least_squares import SQUARES, Linearised, Rules, minimise
@@ -215,7 +216,8 @@ class Witness:
     ) -> Witness:
         """The witness of observations as reported. Raises SolveError."""
         prior_std = before.std.copy()
-        prior_std[6] = min(prior_std[6], SETTINGS.log_stiffness_std)
+        nominal = AntennaSettings.nominal_std, AntennaSettings.log_mass_std
+        prior_std[[6, 7]] = np.minimum(prior_std[[6, 7]], nominal)
         std_Nm = session.moment_std_Nm
         whole = Problem.of(
             observations,
@@ -342,12 +344,14 @@ class Witness:
         prior_std: Sequence[float] = (),
         roughly: bool = False,
         slopes: Callable[[np.ndarray], np.ndarray] | None = None,
+        further: Sequence[np.ndarray] = (),
     ) -> tuple[float, np.ndarray]:
         """First-order prediction of the log likelihood that `fit` would find, with the parameters and values there;
         −inf where the altered antenna has no shape.
 
         roughly : with the slopes as they are without the alteration. slopes : of a Jacobian (R, 17 + P + K), those
-        (R, K) of the values; None: by differences.
+        (R, K) of the values; None: by differences. further : steps (17 + P + K,) to initial parameters and values that
+        are tried where little fits.
         """
         std = np.array(prior_std, float)
         if roughly or (len(std) and self.reported is not None):
@@ -355,6 +359,11 @@ class Witness:
             lost = self.reported is None or self.reported.scale > SETTINGS.gross
             some = self._begun if lost or self.reported is None else [self.reported.solution]
             every = [self._augmented(one, alter, std, slopes) for one in some]
+            if lost and len(further):
+                begin = [np.append(start, 0.0 * std) + step for start in self.starts for step in further]
+                count = len(self.starts[0])
+                nearest = min(begin, key=lambda one: self._misfit(alter, one[count:], one[:count]))
+                every.append(self._evaluated(alter, std, nearest))
         else:
             nearest = min(self.starts, key=lambda one: self._misfit(alter, 0.0 * std, one))
             every = [self._evaluated(alter, std, np.append(nearest, 0.0 * std))]

@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 from targets.board import BoardWithIds
 from targets.print_scale import SCALE, PrintScale, print_scale, rescaled
 from vbaa_calib.antenna.materials import MATERIALS
-from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import Observation
-from vbaa_calib.calibrate.antenna.session_rig import ExpectedAntenna, nominal_parameters
+from vbaa_calib.calibrate.antenna.session_rig import ExpectedAntenna, nominal_parameters, solve_antenna
 from vbaa_calib.calibrate.doubts import prior_doubts
 from vbaa_calib.calibrate.given_lens import GivenLens, given_solution, read_lens
 from vbaa_calib.calibrate.guide.view_uncertainty import WorkPlane
@@ -376,7 +376,7 @@ class SessionState:
 
             def solve(lens: LensSolution) -> BundleAdjustment:
                 before = prior_of_session(session, lens, self.plane() if lens is first else self._plane_by(lens))
-                return adjust_bundle(seen, before, session.antenna.length_m, session.moment_std_Nm)
+                return solve_antenna(session, seen, before)
 
             def causes() -> list[Diagnosis]:
                 plane = self.plane()

@@ -32,7 +32,7 @@ from vbaa_calib.rig.reprojection import see
 from vbaa_calib.session import Still
 
 from .inputs import Observation, Prior, ReadingGroups
-from .problem import GAIN, OFFSET, POSE, RIG, Evaluation, LensLost, Problem
+from .problem import GAIN, LOG_STIFFNESS, OFFSET, POSE, RIG, Evaluation, LensLost, Problem
 from .settings import AntennaSettings
 
 
@@ -297,6 +297,22 @@ def _too_few(fits: np.ndarray, loaded: np.ndarray) -> bool:
     )
 
 
+def _initial(problem: Problem) -> np.ndarray:
+    """Initial parameters: the prior's mean, with the EI that explains the pictures of loads best."""
+    if not any(one.loaded for one in problem.observations):
+        return problem.begin
+    found = []
+    for off in np.linspace(-3.0, 3.0, AntennaSettings.tried_stiffnesses):
+        at = problem.begin
+        at[LOG_STIFFNESS] += off * problem.prior.std[LOG_STIFFNESS - 6]
+        try:
+            found.append((float(np.log1p(problem.misfits(at) ** 2).sum()), at))
+        except ValueError:
+            # so soft an antenna has no shape
+            continue
+    return min(found, key=lambda one: one[0])[1] if found else problem.begin
+
+
 def _in_passes(problem: Problem, judged: bool = True) -> tuple[Problem, Linearised, Evaluation, np.ndarray] | None:
     """Solves in passes, each with the points' scatter measured by the previous pass and without the frames that did
     not fit it. Returns the problem, its solution, the prediction there, and each frame's rms residual (F,) in
@@ -304,7 +320,7 @@ def _in_passes(problem: Problem, judged: bool = True) -> tuple[Problem, Linearis
 
     judged : leave out frames that contradict the others, too; None where these are too many.
     """
-    parameters = problem.begin
+    parameters = _initial(problem)
     least = 1.0 if np.mean([one.shared for one in problem.observations]) > 0.5 else 0.0
     loaded = np.array([one.loaded for one in problem.observations])
     strange = np.zeros(len(loaded), bool)

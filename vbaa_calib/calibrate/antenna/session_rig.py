@@ -22,7 +22,7 @@ from vbaa_calib.calibrate.pose.fusion import PoseEstimate, fused
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.arrays import spread_evenly
 from vbaa_calib.core.console import progress
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.core.polyline import arc_lengths, normals
 from vbaa_calib.detect.whisker.acceptance import decided, stretches, why_lost
@@ -335,12 +335,36 @@ def read_by(sensor: NominalWrenchSensor | None, before: Prior) -> Prior:
 
 def solve_antenna(session: Session, observations: Sequence[Observation], before: Prior) -> BundleAdjustment:
     """Bundle adjustment of a session's static frames. Readings of a moment sensor that scatter clearly more than
-    session.yaml states are weighted by their own scatter."""
+    session.yaml states are weighted by their own scatter. Where the pictures contradict the stated material or
+    diameter, EI and weight are solved from them alone. Raises SolveError."""
+    std = before.std.copy()
+    std[[6, 7]] = AntennaSettings.any_material
+    free = replace(before, std=std)
+    try:
+        joint = _solved(session, observations, before)
+    except SolveError as error:
+        with suppress(SolveError):
+            return _solved(session, observations, free)
+        raise error
+    if _other_material(joint):
+        with suppress(SolveError):
+            return _solved(session, observations, free)
+    return joint
+
+
+def _solved(session: Session, observations: Sequence[Observation], before: Prior) -> BundleAdjustment:
     joint = adjust_bundle(observations, before, session.antenna.length_m, session.moment_std_Nm)
     noise_Nm, (least_Nm, _) = moment_noise(joint)
     if least_Nm > session.moment_std_Nm:
         joint = adjust_bundle(observations, before, session.antenna.length_m, noise_Nm)
     return joint
+
+
+def _other_material(joint: BundleAdjustment) -> bool:
+    """Whether EI or the weight contradicts the stated material and diameter."""
+    prior = joint.problem.prior
+    off = np.abs(joint.parameters[[12, 13]] - prior.mean[[6, 7]])
+    return bool((off > AntennaSettings.other_material * np.array([AntennaSettings.nominal_std, prior.std[7]])).any())
 
 
 def make_rig(

@@ -15,6 +15,10 @@ class AntennaSettings:
     clamp_give_std_m: float = 5e-4  # of how far it gives way
     log_stiffness_std: float = 0.5  # of the logarithm of EI, which is all but free
     log_mass_std: float = 0.03  # of that of the mass per length: weighed on a kitchen scale; sag is weight over EI
+    nominal_std: float = 0.05  # of the logarithm of EI about E·πd⁴/64 of the stated material and diameter
+    other_material: float = 4.0  # deviations of EI or weight from which that is another material's or diameter's,
+    any_material: tuple[float, float] = (1.5, 1.0)  # and the logarithms of EI and weight are so uncertain instead
+    tried_stiffnesses: int = 13  # within three deviations, of which the descent starts from the best
     gain_std: float = 0.5  # of the moment sensor's gain, which is all but free
     offset_std_Nm: float = 0.02  # of its offset
     own_frame: float = 1e-3  # part of the clamp's prior in plane C that stays where the antenna defines its frame
