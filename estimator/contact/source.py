@@ -316,11 +316,6 @@ def _free_frames(session: Session, rig: Rig) -> list[Still]:
 # shutter reads the rows one after the other: a point lies where the antenna is when its row is read, not the clamp's.
 
 
-_Movement = tuple[float, float, float, float]
-"""Largest motion of the antenna during exposure and readout, px; the resulting error of points, px and in standard
-deviations."""
-
-
 def _marked_by_shutter(found: Iterable[FrameContact], shutter: Shutter, rows: int) -> Iterator[FrameContact]:
     """A recording's frames in order, with a note on those in which the motion matters. rows : of the pictures.
 
@@ -333,38 +328,39 @@ def _marked_by_shutter(found: Iterable[FrameContact], shutter: Shutter, rows: in
     for item in chain(found, [None]):
         if waiting is not None:
             # an antenna that comes to rest, or starts from it, may be at rest in the picture itself
-            others = (other for other in (before, item) if other is not None)
-            moved = [_movement(waiting, other, shutter, rows) for other in others]
-            yield _marked(waiting, min(moved, key=lambda one: one[0] + one[1], default=(0.0, 0.0, 0.0, 0.0)))
+            speeds = [_speeds(waiting, other, rows) for other in (before, item) if other is not None]
+            slower = min(speeds, key=np.max, default=np.zeros(1))
+            yield _marked(waiting, slower, shutter, rows) if slower.any() else waiting
         before, waiting = waiting, item
 
 
-def _movement(item: FrameContact, other: FrameContact, shutter: Shutter, rows: int) -> _Movement:
-    """The movement in this frame if the antenna moves as fast as between it and the other."""
+def _speeds(item: FrameContact, other: FrameContact, rows: int) -> np.ndarray:
+    """(N,) speeds of the frame's points, px/s, if the antenna moves as fast as between it and the other; 0 where no
+    time passed, or a line is missing."""
     after_s = abs(other.frame.time_s - item.frame.time_s)
     here, there = item.measured.points_px, other.measured.points_px
     if len(here) < 2 or len(there) < 2 or not after_s > 0.0:
-        return 0.0, 0.0, 0.0, 0.0
+        return np.zeros(1)
     # points that are listed in no order make a path of any length
     spacing_px = max(0.1, float(arc_lengths(there)[-1]) / (100 * rows))
     from scipy.spatial import cKDTree  # slow to load
 
     gap, at = cKDTree(resample(there, spacing_px)[0]).query(here)
     gap[(at == 0) | (at == at.max())] = 0.0  # beyond its ends, the distance is along the line
-    speed = gap / after_s
-    off = speed * shutter.readout_s * np.abs(here[:, 1] - here[0, 1]) / rows
-    worst = int((off / item.measured.sigma_px).argmax())
-    most = float(speed.max())
-    std = float(off[worst] / item.measured.sigma_px[worst])
-    return most * shutter.exposure_s, most * shutter.readout_s, float(off[worst]), std
+    return np.asarray(gap / after_s)
 
 
-def _marked(item: FrameContact, moved: _Movement) -> FrameContact:
-    contact, (exposure_px, readout_px, off_px, off_std) = item.contact, moved
-    if contact.status in LOCATED and off_std > ContactSettings.carried:
+def _marked(item: FrameContact, speeds: np.ndarray, shutter: Shutter, rows: int) -> FrameContact:
+    """The frame with the effect of a motion at these speeds (N,), px/s, on its points, if it matters."""
+    contact, v = item.contact, item.measured.points_px[:, 1]
+    off_px = speeds * shutter.readout_s * np.abs(v - v[0]) / rows
+    off_std = off_px / item.measured.sigma_px
+    worst, exposure_px = int(off_std.argmax()), float(speeds.max()) * shutter.exposure_s
+    if contact.status in LOCATED and off_std[worst] > ContactSettings.carried:
         reason = (
-            f"the antenna moves by {readout_px:.1f} px while the sensor is read out, which puts points "
-            f"{off_px:.2f} px off, {off_std:.0f} std: move slower, or use a global shutter"
+            f"the antenna moves by {float(speeds.max()) * shutter.readout_s:.1f} px while the sensor is read out, "
+            f"which puts points {off_px[worst]:.2f} px off, {off_std[worst]:.0f} std: move slower, or use a global "
+            "shutter"
         )
         contact = in_motion(contact, reason)
     elif exposure_px > ContactSettings.blurred_px:

@@ -38,7 +38,7 @@ class GrowingTable:
     """A contacts.csv that can be read while it grows: each frame's line is in the file at once.
 
     The final rows are kept in a file without a name, which nobody has to remove, and take its place when it is closed.
-    Parquet cannot be read while it grows: a .parquet is written when it is closed, and grows as a .csv until then.
+    Parquet cannot be read while it grows: NAME.parquet is written when it is closed; until then NAME.parquet.csv grows.
     """
 
     def __init__(
@@ -47,7 +47,8 @@ class GrowingTable:
         """inputs : what it may not grow onto, either. final : whether there will be final rows. Raises InputError for
         an existing file, one of the inputs, or another format."""
         check_format(path)
-        self._path, self._grown, self._final = path, path.with_suffix(".csv"), final
+        grows = path.suffix.lower() == ".csv"
+        self._path, self._grown, self._final = path, path if grows else path.with_name(f"{path.name}.csv"), final
         for each in {self._path, self._grown}:
             refuse_overwrite(each, force, inputs)
         make_folder(path.parent)

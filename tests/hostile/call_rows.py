@@ -71,11 +71,6 @@ CALLS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("onto the rig", "track contacts.csv --rig rig.json --force -o rig.json", ("rig.json", "is an input")),
     ("smooth without a rig", "track contacts.csv -o a.csv --smooth b.csv", ("--smooth needs --rig",)),
     ("live onto its source", f"{LIVE} -o session/recording/recording.csv --force", ("recording.csv: is an input",)),
-    (
-        "live growing onto its source",
-        f"{LIVE} -o session/recording/recording.parquet --force",
-        ("recording.csv: is an input",),
-    ),
     ("a gap of NaN", f"{LIVE} --gap nan", ("--gap is nan",)),
     ("a key of readings without any", "live rig.json - --udp-key camera.json", ("--udp-key without --udp",)),
     ("a key that others may read", "live rig.json - --udp 5999 --udp-key camera.json", ("chmod 600 camera.json",)),

@@ -20,7 +20,7 @@ from estimator import ContactEstimator
 from estimator.contact.estimate import STREAM
 from estimator.contact.recording import estimate_taken
 from estimator.live import LiveContact, LiveEstimator
-from estimator.live.outputs import Datagrams, json_line
+from estimator.live.outputs import Datagrams, GrowingTable, json_line
 from estimator.table.contacts import ContactRow
 from estimator.table.files import cells_of, read_contacts
 from vbaa_calib.cli.main import main
@@ -93,6 +93,17 @@ def test_contacts_by_udp() -> None:
     for wrong in ("here", "70000", "no such host.invalid:5"):
         with pytest.raises(InputError, match="--udp-out"):
             Datagrams(wrong)
+
+
+def test_a_parquet_that_grows_leaves_the_csv_next_to_it_alone(tmp_path: Path) -> None:
+    (tmp_path / "contacts.csv").write_text("mine")
+    table = GrowingTable(tmp_path / "contacts.parquet", force=True)
+    for each in found():
+        table.write(each)
+    table.close()
+    assert (tmp_path / "contacts.csv").read_text() == "mine"
+    assert len(read_contacts(tmp_path / "contacts.parquet").frame) == COUNT
+    assert len(list(tmp_path.iterdir())) == 2
 
 
 def verb(*words: object) -> int:

@@ -50,7 +50,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--output",
         type=Path,
         metavar="FILE",
-        help="contacts.csv, which grows as contacts come; contacts.parquet grows as a .csv and is written at the end",
+        help="contacts.csv, which grows as contacts come; contacts.parquet is written at the end, and "
+        "contacts.parquet.csv grows until then",
     )
     parser.add_argument("--lines", action="store_true", help="contacts as JSON lines on standard output")
     parser.add_argument("--udp-out", metavar="[HOST:]PORT", help="where contacts are sent as JSON lines, by UDP")

@@ -12,17 +12,27 @@ namespace {
 // Weight of the other coordinate when points are put in order: it separates points of one column.
 constexpr double SLIGHTLY = 1e-6;
 
-// Space for a frame's points; padding repeats the last one.
+// Ends a frame's rows behind its points: the last one is repeated, so that lanes are whole.
+void end_rows(Frame& frame, int count) {
+    frame.count = count;
+    for (int k = 0; k < 5; ++k) {
+        double* row = frame.points.row(k).data;
+        std::fill(row + count, row + frame.points.shape[1], count ? row[count - 1] : 0.0);
+    }
+    std::fill(frame.clamp.begin() + count, frame.clamp.end(), count ? frame.clamp[count - 1] : 0);
+    frame.seen_by = count ? frame.clamp[0] / NODES : 0;
+}
+
+// A frame's points, row by row.
 template <class Row>
 void put_points(Frame& frame, int count, Row&& row_of) {
-    frame.count = count;
-    frame.points = Array<double, 2>(5, whole_lanes(count));
-    frame.clamp = Array<int, 1>(whole_lanes(count));
-    for (int i = 0; i < frame.points.shape[1] && count; ++i) {
-        const std::array<double, 5> row = row_of(std::min(i, count - 1), frame.clamp[i]);
+    frame.points = Array<double, 2>(Unset{}, 5, whole_lanes(count));
+    frame.clamp = Array<int, 1>(Unset{}, whole_lanes(count));
+    for (int i = 0; i < count; ++i) {
+        const std::array<double, 5> row = row_of(i, frame.clamp[i]);
         for (int k = 0; k < 5; ++k) frame.points(k, i) = row[k];
     }
-    frame.seen_by = count ? frame.clamp[0] / NODES : 0;
+    end_rows(frame, count);
 }
 
 // The least and the most u and v of points (N, 2); NaN is neither.
@@ -48,11 +58,10 @@ void extents(ConstMatrix points, double (&range)[2][2]) {
     }
 }
 
-// Leaves out the points that cannot be used; the last one is repeated to the rows' ends.
+// Leaves out the points that cannot be used.
 void close_up(Frame& frame, const Array<double, 1>& usable) {
-    const int every = usable.size(), wide = frame.points.shape[1];
     int count = 0;
-    for (int i = 0; i < every; ++i) {
+    for (int i = 0; i < usable.size(); ++i) {
         if (!(usable[i] > 0.0)) continue;
         if (i > count) {
             for (int k = 0; k < 5; ++k) frame.points(k, count) = frame.points(k, i);
@@ -60,13 +69,7 @@ void close_up(Frame& frame, const Array<double, 1>& usable) {
         }
         ++count;
     }
-    frame.count = count;
-    for (int k = 0; k < 5; ++k) {
-        double* row = frame.points.row(k).data;
-        std::fill(row + count, row + wide, count ? row[count - 1] : 0.0);
-    }
-    std::fill(frame.clamp.begin() + count, frame.clamp.end(), count ? frame.clamp[count - 1] : 0);
-    frame.seen_by = count ? frame.clamp[0] / NODES : 0;
+    end_rows(frame, count);
 }
 
 }  // namespace
