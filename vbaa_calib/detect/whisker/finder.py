@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property, reduce
+from functools import cached_property
 
 import numpy as np
 
@@ -34,7 +34,7 @@ class AntennaFinder:
     corridor : where the antenna may be. image_size : (width, height).
     paths_px : (P, S, 2) those that it may take, from clamp to tip. spacing_px : how far neighbours' tips are apart.
     factor, pool, reach : how far the picture is reduced, its response pooled, and where the flanks are sampled.
-    index : (P, S) place of every sample in the flat response.
+    index, spans : (P, S) place of every sample in the flat response, and (R, 2) the columns of its rows that have any.
     weight : (P,) what a path's sum is divided by: how many of its samples are in the picture, but not too few.
     usual_height : of the antenna's line over its background in this rig's pictures, grey levels; 0 where not known.
     looks : (8, 4) its mean colour from clamp to tip and the deviation of that, grey levels; (0, 4) where not known.
@@ -49,6 +49,7 @@ class AntennaFinder:
     pool: int
     reach: int
     index: np.ndarray
+    spans: np.ndarray
     weight: np.ndarray
     usual_height: float = 0.0
     looks: np.ndarray = field(default_factory=lambda: np.empty((0, 4)))
@@ -61,11 +62,8 @@ class AntennaFinder:
         factor = int(np.clip(corridor.width_px / 2.5, 2, 12))
         pool = int(np.clip(np.ceil(0.5 * spacing / factor), 1, 4))
         reach = max(2, int(np.ceil((0.5 * corridor.width_px + 1.5) / factor)))
-        size = np.maximum(np.array(image_size) // factor, 1)
-        shape = (int(-(-size[1] // pool)), int(-(-size[0] // pool)))
-        index = core.search.places(paths, factor, pool, shape)
-        weight = np.maximum((index < 4 * shape[0] * shape[1]).sum(axis=1), 0.3 * index.shape[1])
-        return AntennaFinder(corridor, image_size, paths, spacing, factor, pool, reach, index, weight)
+        tables = core.search.places(paths, factor, pool, reach, image_size)
+        return AntennaFinder(corridor, image_size, paths, spacing, factor, pool, reach, *tables)
 
     def with_usual_height(self, usual_height: float) -> AntennaFinder:
         """The detector for a line of known height: the `amplitude` of the free antenna's pictures.
@@ -77,7 +75,7 @@ class AntennaFinder:
     def candidates(self, image: np.ndarray, bright: bool = True, blurred_px: float = 0.0) -> list[np.ndarray]:
         """Paths (K, 2) that look like the antenna in an (H, W) picture blurred by about `blurred_px`; best first: up
         to two that differ and score alike."""
-        score = self._scores(image, (1 if bright else -1,), blurred_px)
+        score = self._scores(image, bright, blurred_px)
         return list(self.paths_px[self._clearest(score, 2, SearchSettings.other_path)])
 
     def _clearest(self, score: np.ndarray, most: int, share: float) -> list[int]:
@@ -140,7 +138,7 @@ class AntennaFinder:
 
     def rough(self, picture: np.ndarray) -> np.ndarray:
         """(R, K, 2) paths that differ along which a picture (H, W[, 3]) is brighter or darker than on both sides."""
-        score = self._scores(picture[..., :3] if picture.ndim == 3 else picture, (1, -1))
+        score = self._scores(picture, None)
         return self.paths_px[self._clearest(score - score.min(), self.settings.shapes, self.settings.rough_share)]
 
     def shapes(self, picture: np.ndarray) -> list[tuple[np.ndarray, float]]:
@@ -169,14 +167,14 @@ class AntennaFinder:
                 kept.append((path, odds / lengths))
         return kept
 
-    def _scores(self, picture: np.ndarray, signs: tuple[int, ...], blurred_px: float = 0.0) -> np.ndarray:
-        """(P,) how far the paths are brighter (sign 1) or darker (-1) than both of their sides, in the channel of a
+    def _scores(self, picture: np.ndarray, bright: bool | None, blurred_px: float = 0.0) -> np.ndarray:
+        """(P,) how far the paths are brighter or darker (None: either) than both of their sides, in the channel of a
         picture (H, W[, C]), blurred by about `blurred_px`, that shows it most at each place."""
         reach = self.reach + int(np.ceil(0.6 * blurred_px / self.factor))
-        small = _downsampled(picture, self.factor)
-        planes = [np.ascontiguousarray(plane) for plane in np.atleast_3d(small).transpose(2, 0, 1)]
-        flat = [core.search.ridge_responses(one, reach, self.pool, sign) for one in planes for sign in signs]
-        found: np.ndarray = core.search.scores(reduce(np.maximum, flat), self.index, self.weight)
+        tables = (self.index, self.spans, self.weight, self.factor, self.pool, reach)
+        found: np.ndarray = core.search.path_scores(
+            np.ascontiguousarray(picture), *tables, bright is not False, not bright
+        )
         return found
 
     def _likely(self, image: np.ndarray, picture: np.ndarray) -> Centreline:
@@ -295,18 +293,3 @@ def _within(paths: np.ndarray, corridor: Corridor) -> np.ndarray:
     along = np.array([across[1], -across[0]])
     offset = paths[:, -1] - tip
     return np.abs(offset @ across) <= corridor.reach_px[-1] + np.maximum(0.0, offset @ along)
-
-
-def _downsampled(image: np.ndarray, factor: int) -> np.ndarray:
-    """(h, w[, C]) uint8: blocks of `factor` pixels averaged; other depths than 8 bits stretched to the full range."""
-    import cv2  # slow to load
-
-    height, width = image.shape[:2]
-    size = (max(width // factor, 1), max(height // factor, 1))
-    cropped = image[: size[1] * factor, : size[0] * factor] if min(size) > 1 else image
-    small = cv2.resize(cropped, size, interpolation=cv2.INTER_AREA)
-    if small.dtype == np.uint8:
-        return small
-    values = np.nan_to_num(np.asarray(small, np.float32), nan=0.0, posinf=0.0, neginf=0.0)
-    low, high = float(values.min()), float(values.max())
-    return cv2.convertScaleAbs(values - low, alpha=255.0 / max(high - low, 1e-6))

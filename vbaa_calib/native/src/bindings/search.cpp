@@ -18,7 +18,6 @@ namespace vbaa {
 namespace {
 
 using detect::Crossings;
-using InBytes = Numpy<const std::uint8_t, 1>;
 
 constexpr int LONG = 1'000'000;  // so many values no run has
 
@@ -136,25 +135,32 @@ void bind_paths(nb::module_& room) {
 }
 
 void bind_ridges(nb::module_& room) {
-    room.def("places", [](InCube paths_px, int factor, int pool, std::pair<int, int> shape) {
-        require_pixels(shape.first);
-        require_pixels(shape.second);
-        require(paths_px.shape(2) == 2 && factor > 0 && pool > 0, "paths are (P, S, 2), factors positive");
-        return to_numpy(detect::places(view(paths_px), {factor, pool, shape.first, shape.second}));
+    using InIndex = Numpy<const std::int32_t, 2>;
+    const auto reduced = [](int factor, int pool, int reach, double height, double width) {
+        require_pixels(std::max({factor, pool, reach}));
+        require(factor > 0 && pool > 0 && reach > 0 && height > 0.0 && width > 0.0 && height < 1e5 && width < 1e5,
+                "factors and reaches are positive, a picture has up to 100000 rows and columns");
+        const auto part = [&](double size) { return std::max(static_cast<int>(size) / factor, 1); };
+        return detect::PathTable{factor, pool, part(height), part(width), reach, {}, {}, {}};
+    };
+    room.def("places", [=](InCube paths_px, int factor, int pool, int reach, std::pair<int, int> size) {
+        require(paths_px.shape(2) == 2, "paths are (P, S, 2)");
+        detect::PathPlaces found =
+            detect::places(view(paths_px), reduced(factor, pool, reach, size.second, size.first));
+        return arrays(found.index, found.spans, found.weight);
     });
-    room.def("ridge_responses", [](Numpy<const std::uint8_t, 2> small, int reach, int pool, int sign) {
-        require_pixels(std::max(reach, pool));
-        require(small.size() > 0 && reach > 0 && pool > 0, "a picture is not empty, reaches are positive");
-        const double around = 2.0 * std::max(reach, pool);
-        require((static_cast<double>(small.shape(0)) + around) * (static_cast<double>(small.shape(1)) + around) < 1e9,
-                "a picture has less than 10^9 pixels");
-        return to_numpy(unlocked([&] { return detect::ridge_responses(view(small), reach, pool, sign); }));
-    });
-    room.def("scores", [](InBytes flat, Numpy<const std::int32_t, 2> index, InVector weight) {
-        require(flat.shape(0) > 0 && index.shape(1) < LONG,
-                "responses are not empty, paths have less than 10^6 samples");
-        const auto each = of_size(weight, index.shape(0));
-        return to_numpy(unlocked([&] { return detect::scores(view(flat), view(index), each); }));
+    room.def("path_scores", [=](InPicture image, InIndex index, InIndex spans, InVector weight, int factor, int pool,
+                                int reach, bool brighter, bool darker) {
+        const auto taken = picture(image);
+        detect::PathTable paths =
+            reduced(factor, pool, reach, static_cast<double>(image.shape(0)), static_cast<double>(image.shape(1)));
+        require(index.shape(1) < LONG, "paths have less than 10^6 samples");
+        require(spans.shape(0) == static_cast<std::size_t>(detect::DIRECTIONS * paths.rows()) && spans.shape(1) == 2,
+                "spans are (directions times rows, 2)");
+        paths.index = view(index), paths.spans = view(spans), paths.weight = of_size(weight, index.shape(0));
+        for (int k = 0; k < paths.spans.shape[0]; ++k)
+            require(paths.spans(k, 0) >= 0 && paths.spans(k, 1) <= paths.columns(), "spans lie in the picture");
+        return to_numpy(unlocked([&] { return detect::path_scores(taken, paths, brighter, darker); }));
     });
     room.def("clearest_paths", [](InVector score, InCube paths_px, double apart_px, int count, double share) {
         require(paths_px.shape(2) == 2 && paths_px.shape(0) > 0, "paths are (P, S, 2)");

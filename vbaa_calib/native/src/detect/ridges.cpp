@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <type_traits>
 
 namespace vbaa::detect {
 namespace {
@@ -12,17 +14,27 @@ constexpr double LENGTHS[DIRECTIONS] = {1.0, 1.4142135623730951, 1.0, 1.41421356
 constexpr double TEXTURE_QUANTILE = 0.8;
 // Fraction of their length over which two paths must differ to be two.
 constexpr double APART = 0.4;
-// Quantiles are taken of about so many responses; paths are compared at every so many samples.
-constexpr int QUANTILE_OF = 20'000, COMPARED = 8;
+// Of a path's samples, for its sum over what is in the picture to count in full.
+constexpr double LEAST_INSIDE = 0.3;
+// Paths are compared at every so many samples.
+constexpr int COMPARED = 8;
 
 using Level = std::uint8_t;
+
+// Levels that are worked on at once, and a count of them rounded up to that.
+constexpr int WHOLE = 64;
+int whole(int count) { return (count + WHOLE - 1) / WHOLE * WHOLE; }
 
 // Of some values each the highest of it and its neighbours nearer than `pool` of them.
 void highest(const Level* values, int pool, int count, Level* __restrict to) {
     std::copy(values, values + count, to);
     for (int k = 1; k < pool; ++k) {
-        const Level *before = values - k, *after = values + k;
-        for (int i = 0; i < count; ++i) to[i] = std::max(to[i], std::max(before[i], after[i]));
+        const Level* const __restrict before = values - k;
+        const Level* const __restrict after = values + k;
+        for (int i = 0; i < count; ++i) {
+            const Level other = before[i] > after[i] ? before[i] : after[i];
+            to[i] = to[i] > other ? to[i] : other;
+        }
     }
 }
 
@@ -47,82 +59,198 @@ int across(double u, double v) {
     return nearest;
 }
 
-// What a response counts, by its level, where such a part of the responses is ordinary texture.
-std::array<std::int32_t, 256> saturating(Bytes flat) {
+// What a response counts, by its level, where such a part of those in the spans is ordinary texture.
+std::array<Level, 256> saturating(const Level* flat, const PathTable& paths) {
     std::array<int, 256> counts{};
-    const int step = 1 + flat.size() / QUANTILE_OF, few = (flat.size() + step - 1) / step;
-    for (int at = 0; at < flat.size(); at += step) ++counts[flat[at]];
+    int all = 0;
+    for (int k = 0; k < paths.spans.shape[0]; ++k)
+        for (int at = paths.spans(k, 0); at < paths.spans(k, 1); ++at, ++all) ++counts[flat[k * paths.columns() + at]];
     int ordinary = 1;
-    for (int below = counts[0]; below < TEXTURE_QUANTILE * few; ++ordinary) below += counts[ordinary];
-    std::array<std::int32_t, 256> found;
+    for (int below = counts[0]; below < TEXTURE_QUANTILE * all && ordinary < 255; ++ordinary) below += counts[ordinary];
+    std::array<Level, 256> found;
     for (int level = 0; level < 256; ++level) {
         const double over = std::max(level - ordinary, 0);
-        found[level] = static_cast<std::int32_t>(std::rint(250.0 * over / (over + 3.0 * ordinary)));
+        found[level] = static_cast<Level>(std::rint(250.0 * over / (over + 3.0 * ordinary)));
     }
     return found;
 }
 
+// Means of so many blocks of `right` numbers, each so many from the next; faster where both are known beforehand.
+template <int RIGHT, int EVERY, class Sum>
+void add_blocks(const Sum* sum, int right, int every, int count, float share, float* __restrict to) {
+    const int several = RIGHT ? RIGHT : right, step = EVERY ? EVERY : every;
+    for (int i = 0; i < count; ++i) {
+        Sum whole = {};
+        for (int k = 0; k < several; ++k) whole = static_cast<Sum>(whole + sum[(i * several + k) * step]);
+        to[i] = share * static_cast<float>(whole);
+    }
+}
+
+using Span = std::array<int, 2>;  // columns, from the first to before the last
+
+// A picture's reduced levels where paths need them, with room for flanks and neighbours around.
+struct Reduced {
+    const PathTable& paths;
+    int height, width, room, stride;
+    std::vector<Span> needed;  // (height,)
+    Array<float, 3> means;     // (channels, height, width)
+
+    explicit Reduced(const PathTable& table, int channels)
+        : paths(table),
+          height(table.height),
+          width(table.width),
+          room(std::max(table.reach, table.pool)),
+          stride(width + 2 * room + WHOLE),
+          needed(height, Span{width, 0}),
+          means(Unset{}, channels, height, width) {
+        const int pool = paths.pool, margin = paths.reach + pool - 1;
+        for (int k = 0; k < paths.spans.shape[0]; ++k) {
+            const int row = k % paths.rows(), left = paths.spans(k, 0), right = paths.spans(k, 1);
+            for (int v = row * pool - margin; left < right && v <= row * pool + margin; ++v) {
+                Span& own = needed[std::clamp(v, 0, height - 1)];
+                own[0] = std::min(own[0], std::max(left * pool - margin, 0));
+                own[1] = std::max(own[1], std::min((right - 1) * pool + margin + 1, width));
+            }
+        }
+    }
+
+    // Means of blocks of pixels.
+    template <class T>
+    void reduce(Levels<T> picture) {
+        using Sum = std::conditional_t<std::is_same_v<T, std::uint8_t>, std::uint16_t, float>;
+        const int channels = picture.shape[2];
+        const int down = std::min(paths.factor, picture.shape[0]), right = std::min(paths.factor, picture.shape[1]);
+        const float share = 1.0F / static_cast<float>(down * right);
+        Array<Sum, 1> sums(Unset{}, picture.shape[1] * channels);
+        for (int v = 0; v < height; ++v) {
+            const auto [first, last] = needed[v];
+            const int all = (last - first) * right * channels;
+            if (all <= 0) continue;
+            Sum* const __restrict sum = sums.begin();
+            std::copy_n(&picture(v * down, first * right, 0), all, sum);
+            for (int r = 1; r < down; ++r) {
+                const T* const own = &picture(v * down + r, first * right, 0);
+                for (int i = 0; i < all; ++i) sum[i] = static_cast<Sum>(sum[i] + static_cast<Sum>(own[i]));
+            }
+            for (int c = 0; c < means.shape[0]; ++c) {
+                float* const to = &means(c, v, first);
+                if (right == 2 && channels == 1)
+                    add_blocks<2, 1>(sum, right, channels, last - first, share, to);
+                else
+                    add_blocks<0, 0>(sum + c, right, channels, last - first, share, to);
+            }
+        }
+    }
+
+    // A channel as levels of 8 bits, (height + 2 · room, stride), beyond the border as at the border; other depths than
+    // 8 bits are stretched to the full range.
+    Array<Level, 2> levels(int channel, bool stretched) const {
+        float low = 0.0F, scale = 1.0F;
+        if (stretched) {
+            float least = std::numeric_limits<float>::infinity(), most = -least;
+            for (int v = 0; v < height; ++v)
+                for (int u = needed[v][0]; u < needed[v][1]; ++u) {
+                    least = std::min(least, means(channel, v, u));
+                    most = std::max(most, means(channel, v, u));
+                }
+            low = least, scale = 255.0F / std::max(most - least, 1e-6F);
+        }
+        Array<Level, 2> found(Unset{}, height + 2 * room + 1, stride);
+        for (int r = 0; r < height + 2 * room; ++r) {
+            const int v = std::clamp(r - room, 0, height - 1);
+            const auto [first, last] = needed[v];
+            if (first >= last) continue;
+            const float* const own = &means(channel, v, 0);
+            Level* const __restrict to = &found(r, room);
+            for (int u = first; u < last; ++u)
+                to[u] = static_cast<Level>(std::min(std::max(0.0F, (own[u] - low) * scale + 0.5F), 255.0F));
+            if (first == 0) std::fill_n(to - room, room, to[0]);
+            if (last == width) std::fill_n(to + width, room, to[width - 1]);
+        }
+        return found;
+    }
+
+    // Raises flat responses (directions, rows, columns) to those of levels.
+    void respond_to(const Array<Level, 2>& level, Level* flat) const {
+        const int pool = paths.pool, rows = paths.rows(), columns = paths.columns();
+        const int diagonal = static_cast<int>(std::ceil(paths.reach / std::sqrt(2.0)));
+        std::vector<Level> pooled(stride + WHOLE), high(stride + WHOLE);
+        for (int k = 0; k < paths.spans.shape[0]; ++k) {
+            if (paths.spans(k, 0) >= paths.spans(k, 1)) continue;
+            const int step = k / rows, row = k % rows;
+            const int left = std::max(paths.spans(k, 0) * pool - pool + 1, 0);
+            const int exact = std::min(paths.spans(k, 1) * pool, width) - left, count = whole(exact);
+            const int far = STEPS[step][0] != 0 && STEPS[step][1] != 0 ? diagonal : paths.reach;
+            const int off = far * (STEPS[step][1] * stride + STEPS[step][0]);
+            Level* const own = pooled.data() + room + left;
+            std::fill_n(own - pool, count + 2 * pool, Level{0});
+            for (int v = std::max((row - 1) * pool + 1, 0); v < std::min((row + 1) * pool, height); ++v)
+                respond(&level(room + v, room + left), off, count, own);
+            std::fill_n(own + exact, pool, Level{0});
+            highest(own, pool, count, high.data());
+            Level* const to = flat + k * columns;
+            for (int at = paths.spans(k, 0); at < paths.spans(k, 1); ++at)
+                to[at] = std::max(to[at], high[at * pool - left]);
+        }
+    }
+};
+
 }  // namespace
 
-Array<std::int32_t, 2> places(ConstCube paths_px, const Reduction& reduction) {
-    const int factor = reduction.factor, pool = reduction.pool;
-    const int rows = reduction.rows, columns = reduction.columns;
+PathPlaces places(ConstCube paths_px, const PathTable& paths) {
+    const int rows = paths.rows(), columns = paths.columns();
     const int count = paths_px.shape[0], samples = paths_px.shape[1];
-    Array<std::int32_t, 2> index(count, samples);
-    const auto reduced = [&](double px) { return std::rint(((px + 0.5) / factor - 0.5) / pool); };
+    PathPlaces found = {Array<std::int32_t, 2>(count, samples), Array<std::int32_t, 2>(DIRECTIONS * rows, 2),
+                        Array<double, 1>(count)};
+    for (int k = 0; k < DIRECTIONS * rows; ++k) found.spans(k, 0) = columns;
+    const auto reduced = [&](double px) { return std::rint(((px + 0.5) / paths.factor - 0.5) / paths.pool); };
     for (int p = 0; p < count; ++p) {
         const ConstMatrix path = paths_px.row(p);
         for (int s = 0; s < samples; ++s) {
             const int before = std::max(s - 1, 0), after = std::min(s + 1, samples - 1);
             const int direction = across(path(after, 0) - path(before, 0), path(after, 1) - path(before, 1));
             const double column = reduced(path(s, 0)), row = reduced(path(s, 1));
-            const bool inside = column >= 0.0 && column < columns && row >= 0.0 && row < rows;
-            index(p, s) = inside ? (direction * rows + static_cast<int>(row)) * columns + static_cast<int>(column)
-                                 : DIRECTIONS * rows * columns;
+            found.index(p, s) = DIRECTIONS * rows * columns;
+            if (!(column >= 0.0 && column < columns && row >= 0.0 && row < rows)) continue;
+            const int at = static_cast<int>(column), k = direction * rows + static_cast<int>(row);
+            found.index(p, s) = k * columns + at;
+            found.weight[p] += 1.0;
+            found.spans(k, 0) = std::min(found.spans(k, 0), at),
+                           found.spans(k, 1) = std::max(found.spans(k, 1), at + 1);
         }
+        found.weight[p] = std::max(found.weight[p], LEAST_INSIDE * samples);
     }
-    return index;
+    return found;
 }
 
-Array<std::uint8_t, 1> ridge_responses(BytePicture small, int reach, int pool, int sign) {
-    const int height = small.shape[0], width = small.shape[1];
-    // around the picture, room for flanks and neighbours
-    const int room = std::max(reach, pool), stride = width + 2 * room, tall = height + 2 * room;
-    const int rows = (height + pool - 1) / pool, columns = (width + pool - 1) / pool;
-    std::vector<Level> level(tall * stride), pooled(stride), high(width);
-    for (int r = 0; r < tall; ++r) {
-        const View<const Level, 1> own = small.row(std::clamp(r - room, 0, height - 1));
-        Level* to = level.data() + r * stride;
-        std::fill(to, to + room, own[0]);
-        std::copy(own.begin(), own.end(), to + room);
-        std::fill(to + room + width, to + stride, own[width - 1]);
-    }
-    if (sign < 0)
-        for (Level& each : level) each = static_cast<Level>(~each);
-    Array<Level, 1> flat(DIRECTIONS * rows * columns + 1);
-    const int diagonal = static_cast<int>(std::ceil(reach / std::sqrt(2.0)));
-    for (int row = 0; row < rows; ++row)
-        for (int step = 0; step < DIRECTIONS; ++step) {
-            const int far = STEPS[step][0] != 0 && STEPS[step][1] != 0 ? diagonal : reach;
-            const int off = far * (STEPS[step][1] * stride + STEPS[step][0]);
-            std::fill_n(pooled.data() + room, width, Level{0});
-            for (int v = std::max((row - 1) * pool + 1, 0); v < std::min((row + 1) * pool, height); ++v)
-                respond(level.data() + (room + v) * stride + room, off, width, pooled.data() + room);
-            highest(pooled.data() + room, pool, width, high.data());
-            Level* const to = flat.begin() + (step * rows + row) * columns;
-            for (int column = 0; column < columns; ++column) to[column] = high[column * pool];
+Array<double, 1> path_scores(const Picture& picture, const PathTable& paths, bool brighter, bool darker) {
+    const int cells = DIRECTIONS * paths.rows() * paths.columns();
+    Array<Level, 1> flat(cells + 1);
+    std::visit(
+        [&](auto picture_levels) {
+            using T = std::remove_const_t<std::remove_pointer_t<decltype(picture_levels.data)>>;
+            Reduced reduced(paths, picture_levels.shape[2] >= 3 ? 3 : 1);
+            reduced.reduce(picture_levels);
+            for (int c = 0; c < reduced.means.shape[0]; ++c) {
+                Array<Level, 2> level = reduced.levels(c, !std::is_same_v<T, std::uint8_t>);
+                if (brighter) reduced.respond_to(level, flat.begin());
+                if (!darker) continue;
+                for (Level& each : level) each = static_cast<Level>(~each);
+                reduced.respond_to(level, flat.begin());
+            }
+        },
+        picture);
+    const std::array<Level, 256> counted = saturating(flat.begin(), paths);
+    for (int k = 0; k < paths.spans.shape[0]; ++k)
+        for (int at = paths.spans(k, 0); at < paths.spans(k, 1); ++at) {
+            Level& own = flat[k * paths.columns() + at];
+            own = counted[own];
         }
-    return flat;
-}
-
-Array<double, 1> scores(Bytes flat, View<const std::int32_t, 2> index, ConstVector weight) {
-    const std::array<std::int32_t, 256> counted = saturating(flat);
-    const unsigned last = flat.size() - 1;
-    Array<double, 1> score(index.shape[0]);
+    Array<double, 1> score(paths.index.shape[0]);
     for (int p = 0; p < score.size(); ++p) {
         std::int32_t total = 0;
-        for (const std::int32_t at : index.row(p)) total += counted[flat.data[std::min<unsigned>(at, last)]];
-        score[p] = total / weight[p];
+        for (const std::int32_t at : paths.index.row(p)) total += flat.begin()[std::min<unsigned>(at, cells)];
+        score[p] = total / paths.weight[p];
     }
     return score;
 }

@@ -3,33 +3,40 @@
 
 #include <cstdint>
 
-#include "arrays.hpp"
+#include "detect/picture.hpp"
 
 namespace vbaa::detect {
-
-using Bytes = View<const std::uint8_t, 1>;
-using BytePicture = View<const std::uint8_t, 2>;
 
 // Normals along which ridges are searched: (u, v) steps 0 → right, → both, → down, → right and up.
 constexpr int DIRECTIONS = 4;
 
-// How a picture is reduced: by a factor, its response pooled, to a number of rows and columns.
-struct Reduction {
-    int factor, pool, rows, columns;
+// Where the samples of paths are in a picture that is reduced by a factor to a height and width, its response pooled.
+struct PathTable {
+    int factor, pool, height, width;
+    int reach = 0;  // of the flanks, reduced pixels to either side
+    // (P, S) where the response of each sample stands among those of directions, rows and columns: that for the
+    // direction nearest to the path's normal; beyond the picture, after the last. And (directions · rows, 2) the
+    // columns of each row, from the first to before the last, in which there are any
+    View<const std::int32_t, 2> index, spans;
+    ConstVector
+        weight;  // (P,) by which a path's sum is divided: how many of its samples are in the picture, or LEAST_INSIDE
+
+    int rows() const { return (height + pool - 1) / pool; }
+    int columns() const { return (width + pool - 1) / pool; }
 };
 
-// (P, S) where the response of each sample of paths (P, S, 2) px stands in `ridge_responses`: that for the direction
-// nearest to the path's normal; beyond the picture, the last.
-Array<std::int32_t, 2> places(ConstCube paths_px, const Reduction& reduction);
+struct PathPlaces {
+    Array<std::int32_t, 2> index, spans;
+    Array<double, 1> weight;
+};
 
-// (4 · rows · columns + 1,) ridge response for the four directions, pooled over `pool` pixels, flat; the last is zero.
-// The line is brighter than both flanks `reach` pixels away, with a `sign` of −1 darker.
-Array<std::uint8_t, 1> ridge_responses(BytePicture small, int reach, int pool, int sign);
+// `PathTable.index`, `.spans` and `.weight` of paths (P, S, 2) px.
+PathPlaces places(ConstCube paths_px, const PathTable& paths);
 
-// (P,) of paths with samples at `index` (P, S) in flat responses: their sum over `weight` (P,). A response is
-// zero up to the texture's level and saturates at a few times that, where a ridge is clear: a brighter ridge must not
-// make up for a detour.
-Array<double, 1> scores(Bytes flat, View<const std::int32_t, 2> index, ConstVector weight);
+// (P,) of paths: the sum of their samples' responses over their weight. A line that is brighter, or darker, than both
+// flanks responds, in the channel that shows it most; up to the texture's level not at all, and at a few times that,
+// where a ridge is clear, no more: a brighter ridge must not make up for a detour.
+Array<double, 1> path_scores(const Picture& picture, const PathTable& paths, bool brighter, bool darker);
 
 // Up to so many of the paths (P, S, 2), P > 0, best first, that differ from the ones before them; their scores (P,) at
 // least this share of the best. Two are alike where most of their points lie within `apart_px`.
