@@ -96,22 +96,6 @@ def test_a_calibrated_rigs_antenna_is_its_free_shape_bent_by_a_force(inclined_de
     assert misfit(path + np.where(later > 0.0, [0.0, 3.0], 0.0), 0.1) > 1.0
 
 
-@pytest.mark.parametrize("off_px", [8.0, 30.0])
-def test_the_nearest_shape_is_found_where_another_thing_draws_points_aside(off_px: float) -> None:
-    """A cable across the clamp, an object's edge at the end."""
-    rng, rig = np.random.default_rng(6), _Rig(30.0)
-    for contact, bend_rad in ((0.7, 0.4), (0.4, -0.3), (0.95, 0.15)):
-        path = rig.pressed(contact, bend_rad, 0.1)
-        share, normal = np.linspace(0.0, 1.0, len(path)), normals(path)
-        for first, last in ((0.0, 0.1), (0.4, 0.5), (0.9, 1.0)):
-            off = off_px * ((share >= first) & (share <= last)) + 0.3 * rng.standard_normal(len(path))
-            nearest = resample(rig.where.nearest(path + off[:, None] * normal, np.full(len(path), 0.3)), 1.0)[0]
-            # an end a little aside may be the antenna's own, bent more
-            assert np.abs(aside(path, nearest)).max() < (0.5 if last < 1.0 or off_px > 20.0 else off_px)
-            assert abs(len(nearest) - len(path)) < 0.08 * len(path)
-    assert len(rig.where.nearest(path[:4], np.ones(4))) == 0
-
-
 WIDTH_PX_PAINT = 3.0
 
 

@@ -179,21 +179,6 @@ def less_sure(line: Centreline, where: Corridor) -> Centreline:
     return line.doubted(doubt_px * float(np.sqrt(max(misfit - usual, 0.0))))
 
 
-def better_shaped(line: Centreline, other: Centreline, where: Corridor) -> Centreline:
-    """The one of two lines that is more visible, more certain and shaped more like an antenna.
-
-    Where the antenna is faint, one that goes on along a cable or an edge near it has a kink there.
-    """
-    if not other.found or not line.found:
-        return line if line.found else other
-    limits = AcceptanceSettings
-
-    def rank(one: Centreline) -> float:
-        return one.likely - limits.shape_rank * where.misfit(one.points_px, one.sigma_px, limits.well_shaped)
-
-    return line if rank(line) >= rank(other) else other
-
-
 class Cause(Enum):
     """Reason why a stretch is not visible, with the remedy."""
 

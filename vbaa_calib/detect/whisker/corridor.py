@@ -66,48 +66,6 @@ class FreeShape:
         """Magnification at the clamp, px per metre, for lengths perpendicular to the line of sight."""
         return self.focal_px / float(self.clamp_m[2])
 
-    def misfit(
-        self, points_px: np.ndarray, sigma_px: np.ndarray, allowed: tuple[float, float, float], enough: float
-    ) -> float:
-        """`Corridor.misfit` with allowances for shape (px), clamp position (px) and clamp angle (rad).
-
-        0 where the lens does not show enough of the points.
-        """
-        seen, variance = self._shown(points_px, sigma_px, allowed[0])
-        if len(seen) < LEAST_SHAPE_POINTS:
-            return 0.0
-        known = (allowed[1] / self.clamp_px_per_m, allowed[2], AcceptanceSettings.depth_rad)
-        return float(core.search.nearest_shape(self, seen, variance, known, enough, STARTS)[0])
-
-    def nearest(self, points_px: np.ndarray, sigma_px: np.ndarray, allowed: tuple[float, float, float]) -> np.ndarray:
-        """`Corridor.nearest` with allowances for shape (px), clamp position (px) and clamp angle (rad)."""
-        seen, variance = self._shown(points_px, sigma_px, allowed[0])
-        if len(seen) < LEAST_SHAPE_POINTS:
-            return np.empty((0, 2))
-        known = (0.5 * allowed[1] / self.clamp_px_per_m, 0.5 * allowed[2], AcceptanceSettings.nearest_depth_rad)
-        weight, starts, middle = np.ones(len(seen)), STARTS[:2], 0.5 * np.asarray(self.camera.image_size, float)
-        for scale in AcceptanceSettings.stray_px:
-            _, shape = core.search.nearest_shape(self, seen, variance * weight, known, 0.0, starts)
-            curve = core.search.bent(self, shape)
-            along = self.focal_px * curve
-            near = followed(along + middle, self.camera.image_size)
-            if len(near) < 2:
-                return near
-            along = along if len(near) == len(along) else near - middle
-            off = offsets_from(resample(along, 1.0)[0], self.focal_px * seen)[1]
-            weight, starts = 1.0 + (off / scale) ** 2, np.array([shape])
-        pixels, seen_here = self.camera.project(np.column_stack([curve, np.ones(len(curve))]))
-        return followed(
-            pixels[: len(seen_here) if seen_here.all() else int(seen_here.argmin())], self.camera.image_size
-        )
-
-    def _shown(self, points_px: np.ndarray, sigma_px: np.ndarray, shape_px: float) -> tuple[np.ndarray, np.ndarray]:
-        """Means of runs of points that the lens can back-project, (M, 2) ideal normalized coordinates, and their
-        variances (M,) including the shape's."""
-        means, variance = core.search.means_of_runs(points_px, sigma_px, SHAPE_POINTS)
-        seen, valid = self.camera.unproject_normalized(means)
-        return seen[valid], (variance[valid] + shape_px**2) / self.focal_px**2
-
 
 @dataclass(frozen=True, eq=False)
 class Corridor:
@@ -146,18 +104,17 @@ class Corridor:
         The sum of the squares of offset and turn at the clamp and of the distance from the shape, over what is allowed
         each: more than 1 is no antenna. Points beyond the tip are as far off as they are from it. The shape is the free
         antenna's, bent to any side by a force at any place; the first one found that is `enough`, or less, is not made
-        better.
+        better. 0 where the lens does not show enough of the points.
         """
         assert self.shape_px is not None
         assert self.free is not None
-        return self.free.misfit(points_px, sigma_px, (self.shape_px, self.clamp_px, self.clamp_rad), enough)
-
-    def nearest(self, points_px: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
-        """(K, 2) the possible antenna, bent laterally in the picture, that is nearest to points (N, 2) with standard
-        deviations (N,), some of which may be something else's; (0, 2) where there are too few."""
-        assert self.shape_px is not None
-        assert self.free is not None
-        return self.free.nearest(points_px, sigma_px, (self.shape_px, self.clamp_px, self.clamp_rad))
+        means, variance = core.search.means_of_runs(points_px, sigma_px, SHAPE_POINTS)
+        seen, valid = self.free.camera.unproject_normalized(means)
+        if np.count_nonzero(valid) < LEAST_SHAPE_POINTS:
+            return 0.0
+        variance = (variance[valid] + self.shape_px**2) / self.free.focal_px**2
+        known = (self.clamp_px / self.free.clamp_px_per_m, self.clamp_rad, AcceptanceSettings.depth_rad)
+        return float(core.search.misfit(self.free, seen[valid], variance, known, enough, STARTS))
 
 
 def free_curve(parameters: np.ndarray, length_m: float, gravity_m_s2: np.ndarray, taper: Taper = UNIFORM) -> Curves:

@@ -13,7 +13,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.polyline import arc_lengths, followed, normals, resample
 from vbaa_calib.native import core
 
-from .acceptance import best_of, better_shaped, less_sure, of_antennas_shape, reject_faint
+from .acceptance import best_of, less_sure, of_antennas_shape, reject_faint
 from .centreline import Centreline, too_short
 from .corridor import Corridor, free_curve
 from .profile import measure, measure_on, measure_ribbon, refine_path
@@ -187,26 +187,10 @@ class AntennaFinder:
         self, image: np.ndarray, picture: np.ndarray, path_px: np.ndarray, odds: float = np.nan
     ) -> Centreline:
         """The line measured along a shape (K, 2), K ≥ 2, with these log odds, in the picture's colours if it has
-        any, and judged by its shape.
-
-        On a rig that is calibrated one that has not quite the antenna's shape is measured once more along the nearest
-        shape that it can have: the better shaped is taken.
-        """
-        where, width = self.corridor, self.corridor.width_px
-        levels = picture if coloured(picture) else image
-
-        def judged(path: np.ndarray) -> Centreline:
-            path, _ = resample(path, 1.0)
-            return of_antennas_shape(replace(measure_ribbon(levels, path, width), odds=odds), where, True)
-
-        line = judged(path_px)
-        if where.shape_px is None or too_short(line.points_px):
-            return line
-        usual = AcceptanceSettings.usual_misfit
-        if line.found and where.misfit(line.points_px, line.sigma_px, usual) <= usual:
-            return line
-        nearest = where.nearest(line.points_px, line.sigma_px)
-        return line if too_short(nearest) else better_shaped(line, judged(nearest), where)
+        any, and judged by its shape."""
+        path, _ = resample(path_px, 1.0)
+        line = measure_ribbon(picture if coloured(picture) else image, path, self.corridor.width_px)
+        return of_antennas_shape(replace(line, odds=odds), self.corridor, True)
 
     def _look(self, image: np.ndarray, bright: bool, blurred_px: float) -> Centreline:
         width, lines = self.corridor.width_px, []

@@ -122,12 +122,7 @@ class AcceptanceSettings:
     usual_misfit: float = 0.08  # most that lines have which lie on the antenna all along
     unsure_misfit: float = 0.25  # most for a changing line that is not surely one
     much_seen: float = 0.72  # fraction that must be seen, or surely seen, of a changing line for more
-    well_shaped: float = 0.05  # a misfit that is not made better
-    shape_rank: float = 0.3  # fraction less that may be seen of a line with one unit of misfit less
     depth_rad: float = 3.0  # prior standard deviation of the bend towards the camera, which perspective alone shows
-    nearest_depth_rad: float = 0.05  # the same of the shape nearest to points, which shows how long the antenna is
-    stray_px: tuple[float, ...] = (4.0, 2.0, 2.0, 1.0, 1.0, 0.7, 0.7)  # distances from it at which one of these counts
-    # half, a round each
     shape_doubt: float = 4.0  # standard deviation that points share, over shape_px, for the root of a misfit of one
     from_clamp: float = 0.35  # part of the length over which its direction at the clamp is measured
     bends_more: tuple[float, float] = (3.0, 0.15)  # error of that direction by a contact there, over the line's turn;

@@ -199,17 +199,12 @@ void bind_shapes(nb::module_& room) {
                                           to_numpy(std::move(one.odds))));
         return answers;
     });
-    room.def("bent", [](nb::handle free, detect::Unknowns unknowns) {
-        return to_numpy(std::move(detect::bent(free_shape(free), unknowns).curve));
-    });
-    room.def("nearest_shape", [](nb::handle free, InMatrix seen, InVector variance, std::array<double, 3> allowed,
-                                 double enough, InMatrix starts) {
+    room.def("misfit", [](nb::handle free, InMatrix seen, InVector variance, std::array<double, 3> allowed,
+                          double enough, InMatrix starts) {
         const auto shape = free_shape(free);
         const auto some = points(seen), from = rows_of(starts, detect::SHAPE_UNKNOWNS, 0, "a shape has five unknowns");
         const auto each = of_size(variance, seen.shape(0));
-        const auto found =
-            unlocked([&] { return detect::nearest_shape(shape, some, each, {allowed.data(), {3}}, enough, from); });
-        return nb::make_tuple(found.misfit, found.unknowns);
+        return unlocked([&] { return detect::misfit(shape, some, each, {allowed.data(), {3}}, enough, from); });
     });
     room.def("means_of_runs", [](InMatrix px, InVector sigma, int most) {
         require(most > 0, "there is one run at least");

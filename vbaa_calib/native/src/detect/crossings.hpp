@@ -65,9 +65,4 @@ inline double dot(ConstVector one, ConstVector other) {
     return total;
 }
 
-// A distance in whole pixels, below twice the length of a profile.
-inline int pixels_off(double distance, int length) {
-    return static_cast<int>(std::min(2.0 * length - 1.0, std::abs(distance)));
-}
-
 }  // namespace vbaa::detect

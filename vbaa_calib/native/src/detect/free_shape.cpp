@@ -17,6 +17,14 @@ constexpr double LARGEST_STEP = 0.5;
 // So far along the last segment, over its length, a point lies beyond the tip: a blurred end is a little longer.
 constexpr double BEYOND = 1.5;
 
+using Unknowns = std::array<double, SHAPE_UNKNOWNS>;
+
+// (S + 1, 2) normalized points of the antenna, and how they move with the unknowns.
+struct BentShape {
+    Array<double, 2> curve;  // (S + 1, 2)
+    Array<double, 3> moved;  // (S + 1, SHAPE_UNKNOWNS, 2)
+};
+
 // Turns of the antenna's directions up to the force: B (1 − q² − B² (q² − q⁶) / 30), q the share of the way that is
 // left to it; the elastica under a force along its normal there, to the third order of the slope B that it has there.
 void bend(const FreeShape& free, const Unknowns& unknowns, BentShape& shape) {
@@ -102,24 +110,14 @@ double distance_from(const BentShape& shape, ConstMatrix seen, ConstVector varia
     return total;
 }
 
-BentShape unbent(const FreeShape& free) {
-    const int count = free.segments_m.shape[0] + 1;
-    return {Array<double, 2>(count, 2), Array<double, 3>(count, SHAPE_UNKNOWNS, 2)};
-}
-
 }  // namespace
 
-BentShape bent(const FreeShape& free, const Unknowns& unknowns) {
-    BentShape shape = unbent(free);
-    bend(free, unknowns, shape);
-    return shape;
-}
-
-NearestShape nearest_shape(const FreeShape& free, ConstMatrix seen, ConstVector variance, ConstVector allowed,
-                           double enough, ConstMatrix starts) {
+double misfit(const FreeShape& free, ConstMatrix seen, ConstVector variance, ConstVector allowed, double enough,
+              ConstMatrix starts) {
     const Unknowns prior = {1.0 / square(allowed[0]), 1.0 / square(allowed[1]), 0.0, 1.0 / square(allowed[2]), 0.0};
-    BentShape shape = unbent(free);
-    NearestShape nearest{INFINITE, {}};
+    const int count = free.segments_m.shape[0] + 1;
+    BentShape shape = {Array<double, 2>(count, 2), Array<double, 3>(count, SHAPE_UNKNOWNS, 2)};
+    double least = INFINITE;
     for (int s = 0; s < starts.shape[0]; ++s) {
         Unknowns trial;
         std::copy(starts.row(s).begin(), starts.row(s).end(), trial.begin());
@@ -129,9 +127,8 @@ NearestShape nearest_shape(const FreeShape& free, ConstMatrix seen, ConstVector 
         for (int step = 0; step <= SHAPE_STEPS; ++step) {
             bend(free, trial, shape);
             const double off = distance_from(shape, seen, variance, here);
-            const double misfit = off + prior[0] * square(trial[0]) + prior[1] * square(trial[1]);
-            if (misfit < nearest.misfit) nearest = {misfit, trial};
-            if (nearest.misfit <= enough) return nearest;
+            least = std::min(least, off + prior[0] * square(trial[0]) + prior[1] * square(trial[1]));
+            if (least <= enough) return least;
             double total = off;
             for (int a = 0; a < SHAPE_UNKNOWNS; ++a) total += prior[a] * square(trial[a]);
             if (CONVERGED * best < total && total < best) break;
@@ -149,7 +146,7 @@ NearestShape nearest_shape(const FreeShape& free, ConstMatrix seen, ConstVector 
                 trial[a] = unknowns[a] + std::min(std::max(here.side[a], -LARGEST_STEP), LARGEST_STEP);
         }
     }
-    return nearest;
+    return least;
 }
 
 Runs means_of_runs(ConstMatrix points, ConstVector sigma, int most) {

@@ -8,7 +8,6 @@ namespace vbaa::detect {
 // Unknowns of a shape: offset (m) and turn (rad) at the clamp, bend (rad) in the picture and towards the camera, and
 // the logarithm of the force's place, over the antenna's length.
 constexpr int SHAPE_UNKNOWNS = 5;
-using Unknowns = std::array<double, SHAPE_UNKNOWNS>;
 
 // The free antenna in the camera's frame.
 struct FreeShape {
@@ -17,25 +16,12 @@ struct FreeShape {
     ConstMatrix segments_m;  // (S, 3) equal ones from clamp to tip, along these axes
 };
 
-// (S + 1, 2) normalized points of the antenna, and how they move with the unknowns.
-struct BentShape {
-    Array<double, 2> curve;  // (S + 1, 2)
-    Array<double, 3> moved;  // (S + 1, SHAPE_UNKNOWNS, 2)
-};
-
-BentShape bent(const FreeShape& free, const Unknowns& unknowns);
-
-struct NearestShape {
-    double misfit;
-    Unknowns unknowns;
-};
-
 // The least `Corridor.misfit` of all shapes, or the first that is `enough` or less.
 // seen : (N, 2) ideal normalized points, variance : (N,) of each. allowed : (3,) by how much (m, rad) the antenna may
 // leave its clamp laterally and turned; standard deviation of its bend towards the camera. starts : (M,
 // SHAPE_UNKNOWNS).
-NearestShape nearest_shape(const FreeShape& free, ConstMatrix seen, ConstVector variance, ConstVector allowed,
-                           double enough, ConstMatrix starts);
+double misfit(const FreeShape& free, ConstMatrix seen, ConstVector variance, ConstVector allowed, double enough,
+              ConstMatrix starts);
 
 // Means (M, 2) of runs of points (N, 2), at most so many, and their variances (M,).
 struct Runs {

@@ -14,7 +14,6 @@ constexpr std::array<double, 3> WIDTHS = {0.85, 1.0, 1.2};  // tried, as parts o
 constexpr std::array<double, 9> BLURS_PX = {0.45, 0.6, 0.8, 1.0, 1.3, 1.7, 2.2, 3.0, 4.0};  // tried
 constexpr double KNOT_PX = 0.85;       // spacing of the splines' knots: finer than the point spread of an ordinary lens
 constexpr double BEND_PENALTY = 1e-3;  // of a learned shape's coefficients, over the mean weight of a bin
-constexpr double MIN_FREED = 0.15;
 
 // Profiles of so many pixels in whole lanes, zeros behind them.
 struct Pixels {
@@ -240,9 +239,10 @@ Fits fit(const CrossSection& section, const Crossings& found, ConstVector centre
     const Pixels pixels(length);
     const int padded = pixels.padded;
     Fits fits;
-    for (Numbers* each : {&fits.shift, &fits.height, &fits.unit_height, &fits.rms, &fits.stepped, &fits.stepped_unit})
+    for (Numbers* each :
+         {&fits.shift, &fits.height, &fits.unit_height, &fits.unit_shift, &fits.rms, &fits.stepped, &fits.stepped_unit})
         *each = Numbers(Unset{}, count);
-    for (Table* each : {&fits.gain, &fits.residuals, &fits.freed}) *each = Table(Unset{}, count, padded);
+    fits.residuals = Table(Unset{}, count, padded);
     // shape, change with its place, grey levels and a step: their background is removed
     Table rows(4, padded);
     Numbers across(padded);
@@ -270,25 +270,20 @@ Fits fit(const CrossSection& section, const Crossings& found, ConstVector centre
         const double per_height = 1.0 / (std::abs(height) > 1e-6 ? height : 1e-6);
         // the step, less what height and place make of it
         const double moved = (vv * sb - vs * vb) / determinant, left = (ss * vb - vs * sb) / determinant;
-        const double by_slope = vv / determinant, by_value = vs / determinant, per_power = 1.0 / std::max(vv, 1e-9);
         Lanes squares = {}, powers = {}, steps = {};
         for (int t = 0; t < padded; t += LANES) {
-            const Lanes v = load(shape + t), s = load(change + t), x = load(pixels.offset + t);
-            const Lanes by_pixel = by_slope * s - by_value * v, residual = load(levels + t) - height * v - product * s;
-            const Lanes leverage = 1.0 / length + x * x * pixels.per_spread + by_pixel * s + v * v * per_power;
-            const Lanes apart = load(edge + t) - left * v - moved * s, freed = 1.0 - leverage;
-            store(&fits.gain(n, t), by_pixel * per_height);
+            const Lanes v = load(shape + t), s = load(change + t),
+                        residual = load(levels + t) - height * v - product * s;
+            const Lanes apart = load(edge + t) - left * v - moved * s;
             store(&fits.residuals(n, t), residual);
-            store(&fits.freed(n, t), where_positive(freed - MIN_FREED, freed, MIN_FREED));
-            squares += residual * residual;
-            powers += apart * apart;
-            steps += apart * residual;
+            squares += residual * residual, powers += apart * apart, steps += apart * residual;
         }
-        const double power = std::max(sum(powers), 1e-9);
         fits.shift[n] = bounded(product * per_height, -0.5 * length, 0.5 * length);
         fits.height[n] = height;
         fits.unit_height[n] = std::sqrt(ss / determinant);
+        fits.unit_shift[n] = std::sqrt(vv / determinant) * std::abs(per_height);
         fits.rms[n] = std::sqrt(sum(squares) / (length - 4));
+        const double power = std::max(sum(powers), 1e-9);
         fits.stepped[n] = -moved * per_height * sum(steps) / power;
         fits.stepped_unit[n] = std::abs(moved * per_height) / std::sqrt(power);
     }

@@ -79,12 +79,11 @@ struct Fits {
     Numbers shift;         // (N,) how far the line lies from the assumed centre along the profile, px
     Numbers height;        // (N,) grey levels
     Numbers unit_height;   // (N,) the height's standard deviation, were the noise of every pixel one
-    Table gain;            // (N, T) derivative of the shift by each pixel
-    Table residuals;       // (N, T) grey levels
-    Numbers rms;           // (N,) root mean square residual, freed of the four unknowns
-    Table freed;           // (N, T) part of a pixel's variance that its residual keeps
+    Numbers unit_shift;    // (N,) the same of the shift
     Numbers stepped;       // (N,) further shift if the background had a step behind the line: an object's edge along it
     Numbers stepped_unit;  // (N,) its deviation, were the noise of every pixel one
+    Table residuals;       // (N, T) grey levels
+    Numbers rms;           // (N,) root mean square residual, freed of the four unknowns
 };
 
 // One Gauss–Newton step from the centres (N,), along the profiles from the path.

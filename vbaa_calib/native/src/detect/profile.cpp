@@ -197,32 +197,11 @@ Selection selection(const Crossings& found, const Lines& lines) {
     return {each(all, [&](int n) { return seen[n] && fits.rms[n] < 4.0 * noise + 0.1 * lines.usual[n]; }), clean, seen};
 }
 
-// (N,) standard deviation across the antenna, from the residuals at each distance from the centre. Where along the
-// antenna there is more noise than elsewhere, the deviations are larger in proportion.
-Numbers deviations(const Crossings& found, const Lines& lines, const Flags& clean) {
-    const Fits& fits = lines.fits;
-    const int all = found.across.shape[0], length = found.across.shape[1];
-    Numbers number(2 * length), variance(2 * length);
-    for (int n : places(clean))
-        for (int t = 0; t < length; ++t) {
-            const int at = pixels_off(found.across(n, t) - lines.centre[n], length);
-            number[at] += 1.0;
-            variance[at] += square(fits.residuals(n, t)) / fits.freed(n, t);
-        }
-    for (int at = 0; at < 2 * length; ++at)
-        variance[at] = number[at] > 0.0 ? variance[at] / number[at] : square(lines.noise);
-    const Numbers power = each(all, [&](int n) { return clean[n] ? square(fits.rms[n]) : 0.0; });
-    const Numbers used = each(all, [&](int n) { return clean[n] ? 1.0 : 0.0; });
-    const Numbers near = running_mean(power, NEAR_POINTS, Beyond::zeros);
-    const Numbers share = running_mean(used, NEAR_POINTS, Beyond::zeros);
-    const double overall = total(power) / std::max(count(clean), 1), least = std::max(overall, 1e-12);
-    return each(all, [&](int n) {
-        double own = (share[n] > 0.2 ? near[n] / std::max(share[n], 1e-9) : overall) / least, sum = 0.0;
-        if (!clean[n]) own = std::max(own, square(fits.rms[n]) / least);
-        for (int t = 0; t < length; ++t)
-            sum += square(fits.gain(n, t)) * variance[pixels_off(found.across(n, t) - lines.centre[n], length)];
-        return std::sqrt(sum * own) / found.stretch[n];
-    });
+// (N,) standard deviation across the antenna, larger where a profile is noisier than most.
+Numbers deviations(const Crossings& found, const Fits& fits, const Flags& chosen) {
+    const double usual = total(selected(fits.rms, chosen)) / count(chosen);
+    return each(fits.rms.size(),
+                [&](int n) { return fits.unit_shift[n] * std::max(fits.rms[n], usual) / found.stretch[n]; });
 }
 
 // (N,) by how much an edge of the background along the antenna may shift the points, px.
@@ -311,7 +290,7 @@ FittedLine fitted_line(const Crossings& found, const Lines& lines, const Measuri
                        lines.noise,  lines.half_width_px / half_width_px(how.shapes.ordinary),
                        false,        1.0};
     if (!any(line.kept)) return line;
-    line.sigma_px = deviations(found, lines, count(chosen.clean) >= LEAST_PROFILES ? chosen.clean : chosen.kept);
+    line.sigma_px = deviations(found, lines.fits, any(chosen.clean) ? chosen.clean : chosen.kept);
     const Numbers edge = edge_doubt(found, lines, chosen.seen);
     // points that do not lie on one smooth curve
     const Numbers all_px = together(line.sigma_px, together(edge, lines.shared));
