@@ -154,8 +154,10 @@ def _errors(frames: Frames, unknowns: np.ndarray, distance_std: np.ndarray) -> n
 
 
 def _as_certain(points: np.ndarray, others: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Covariances (B, K, K) from the information of the points, weighted, and of everything else, with the weight
-    that gives the first unknown these variances (B,), as far as any weight does."""
+    """Covariances (B, K, K) of K unknowns from information (B, K, K) of the points, times a weight, and of all else.
+
+    The weight of each frame is the one, from 1e-3 to 1e3, with which the first unknown has the variance (B,) asked for.
+    """
     # L Lᵀ = points + others, L⁻¹ points L⁻ᵀ = V Λ Vᵀ: the first unknown has the variance Σ (V' L⁻¹ e₀)²/(1 + (w − 1) Λ)
     inverse = np.linalg.inv(np.linalg.cholesky(points + others))
     values, vectors = np.linalg.eigh(inverse @ points @ np.swapaxes(inverse, 1, 2))

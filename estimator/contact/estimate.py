@@ -491,8 +491,8 @@ class ContactStream:
         """The contacts of a batch, and `motion_of` them, with the solver started at the previous contact. several :
         its frames, where they came one by one.
 
-        A frame with a start of its own that the stream of the same frames has already solved with the same estimator
-        would give the same result, which is taken over.
+        Results of the companion stream are taken over where it has solved the same frame from the same start with the
+        same estimator.
         """
         then = now.at(batch.last_s)
         earlier = [self._earlier.popleft() for _ in range(min(len(several), len(self._earlier)))]

@@ -142,7 +142,7 @@ class _Source:
     def stills(self, rig: Rig, folder: Path) -> list[Still]:
         """The pictures of the recording and, where the session has some by this camera, of the free antenna.
 
-        folder : where some of a bag's or video's are put.
+        folder : where pictures that are taken out of a bag or video are written.
         """
         if self.stream is not None:
             return sample_of(rig, self.stream.taken(), folder)

@@ -38,7 +38,7 @@ def unexplained(numbers: FitNumbers, bits: int = core.solver.UNEXPLAINED) -> np.
 
 
 def _noticed(numbers: FitNumbers) -> int:
-    """What was noticed of one frame: bits that the core's `report.hpp` names."""
+    """The findings on one frame, as a mask of bits that the core's `report.hpp` names."""
     return int(core.solver.judge(limits()[0], numbers.rows)[1][0])
 
 

@@ -291,7 +291,8 @@ def _moved(rig: Rig, row: Change, step: np.ndarray) -> Rig:
 def _descended(
     case: Case, row: Change, axes: np.ndarray, steps: np.ndarray, free: np.ndarray | None, first: int
 ) -> _Changed | None:
-    """Minimises by damped Gauss–Newton steps; the first one with the free antenna in the frames `free` (F,)."""
+    """The change from the frame `first` on that minimises the cost, by damped Gauss–Newton steps from `steps` (R,);
+    None where none improves it. free : (F,) mask of frames that count as free of contact in the first step."""
     recorded, settings, cost, best = case.recorded, RecordingSettings, np.inf, None
     for turn in range(settings.iterations):
         try:

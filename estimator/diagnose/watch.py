@@ -105,7 +105,7 @@ class RecordingWatch:
     def followed(
         self, parts: Iterable[tuple[slice, Batch, Contacts]], frames: Sequence[Frame], overview: Overview
     ) -> Iterator[ContactTable]:
-        """The rows of `estimate_together` of frames, added here and counted in `overview` as they come."""
+        """Contacts of `estimate_together` as tables, part by part; each is added to the watch and to `overview`."""
         names = tuple(dict.fromkeys((*overview.columns, "moment_Nm", "pan_rad", "tilt_rad")))
         columns = {name: numbers_of(frames, name) for name in (*names, "frame", "time_s")}
         for own, batch, contacts in parts:
@@ -117,7 +117,7 @@ class RecordingWatch:
             yield table
 
     def push_together(self, batch: Batch, contacts: Contacts) -> None:
-        """Add the next rows, of one camera and with times."""
+        """Add the next frames of a recording by one camera, and their contacts."""
         every = np.column_stack([batch.readings_Nm, batch.pan_rad, batch.tilt_rad])
         count = np.isfinite(batch.points_px[..., 0]).sum(axis=1)
         many, middle = count.tolist(), batch.sigma_px[np.arange(len(batch)), count // 2].tolist()

@@ -44,10 +44,10 @@ class LiveContact:
 
     Attributes
     ----------
-    row : as in contacts.csv, by the verdict on the recording so far. item : with what was seen, and the contact as the
-        frames by themselves have it.
+    row : as in contacts.csv, contradicted where the verdict on the recording so far says so. item : the frame with its
+        detection, and its contact before that verdict.
     final : from all frames, as `vbaa estimate` gives it; else at once, from this frame and those before it.
-    latency_s : from the picture's arrival to this. age_s : of the reading that was interpolated furthest.
+    latency_s : from the picture's arrival to this. age_s : longest time between the picture and one of its readings.
     image : (H, W[, 3]) the picture; None with a final contact. images : of several cameras by name.
     alarms : what the watch has found with this frame; empty with a final contact.
     """

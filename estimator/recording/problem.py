@@ -157,8 +157,11 @@ class RecordingProblem:
         return replace(self._with_lines(arrays), axes=self.axes)
 
     def equations(self, state: State, trust: np.ndarray | None = None) -> Equations:
-        """Normal equations of the contacts, linearised at a state. trust : as in `Equations`; by default, and where
-        NaN, from the state itself, discontinuous where a frame's scatter, or its end, passes a threshold."""
+        """Normal equations of the contacts, linearised at a state.
+
+        trust : (B, 2) fixed weights, as `Equations.trust`. By default, and where NaN, they follow from the state, and
+        jump where a frame's scatter or end passes a threshold.
+        """
         rig = self.arrays_at(state.shared), self._split()
         begins = range(0, max(len(self.touching), 1), RefineSettings.chunk)
         parts = [self._of_chunk(*rig, state, slice(begin, begin + RefineSettings.chunk), trust) for begin in begins]

@@ -242,8 +242,8 @@ class _LinearisedRecording:
 def _linearised(
     problem: RecordingProblem, state: State, weight: np.ndarray, prior: np.ndarray, trust: np.ndarray | None = None
 ) -> _LinearisedRecording | None:
-    """The recording linearised at a state; None where there is no step. With a fixed `trust`, frames that do not
-    belong need not converge."""
+    """The recording linearised at a state; None where there is no step. With a fixed `trust`, frames of weight 0 need
+    not converge."""
     equations = problem.equations(state, trust)
     free_information, free_side = problem.free_equations(state)
     total = np.einsum("b,bst->st", weight, equations.information) + free_information.sum(axis=0)

@@ -342,8 +342,8 @@ def rewrite_contacts(
 ) -> None:
     """Change status and reason of rows in a file of `write_contacts`, completely or not at all, row by row.
 
-    changed : of a row's number from 0 on, its status and reason, those that it shall have. All else stays to the digit,
-    and so does a Parquet file's metadata, to which `about` is added.
+    changed : from a row's number, counted from 0, its status and reason to the new status and reason. All else stays to
+    the digit, and so does a Parquet file's metadata, to which `about` is added.
     """
     number = count()
 

@@ -157,7 +157,7 @@ class Overview:
 
 @lru_cache
 def _named(columns: tuple[str, ...]) -> list[str]:
-    """The counted channels: moment and joints, and the rig's other readings."""
+    """Names of the channels that are counted: moment about y, pan and tilt, and those of the rig's columns."""
     return [name for name in CHANNELS if name in (CHANNELS[0], *CHANNELS[-2:], *columns)]
 
 

@@ -66,8 +66,10 @@ def read_picture(path: Path, data: bytes | None = None, upright: bool = False) -
 
 
 def as_levels(pixels: np.ndarray) -> np.ndarray:
-    """8-bit pixels unchanged; 16-bit ones as float32 from 0 to 255, scaled as `read_gray` does. Where a demosaiced
-    picture is grey it has what the sensor measured: interpolated values move lines that follow its rows."""
+    """8-bit pixels unchanged; 16-bit ones as float32 from 0 to 255, scaled as `read_gray` does.
+
+    Grey parts of a demosaiced picture get the sensor's own samples back: interpolated ones move lines along its rows.
+    """
     pixels = _as_sampled(pixels)
     return pixels if pixels.dtype == np.uint8 else _scaled(pixels, np.asarray, np.float32)
 

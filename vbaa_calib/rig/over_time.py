@@ -34,8 +34,8 @@ class OverTime:
 
 
 def over_time(rigs: Sequence[Rig], days: Sequence[float]) -> OverTime:
-    """Comparison of two or more calibrations, in order of their days since the first. Exact parameters count as they
-    are."""
+    """Comparison of two or more calibrations, in order of their days since the first. A parameter without uncertainty
+    scatters as soon as its values differ at all."""
     steps = [rig.step_from(rigs[0]) for rig in rigs]
     size = min(map(len, steps))
     values = np.array([step[:size] for step in steps])

@@ -147,7 +147,7 @@ class MessageSource:
         """How much earlier readings are stamped than pictures, s, relative to their arrival; 0 where that is
         unknown.
 
-        Of the first messages, which are gone then.
+        The median of the first messages; of a live source these are then lost.
         """
         lags_s: dict[bool, list[float]] = {True: [], False: []}
         messages = self.messages()

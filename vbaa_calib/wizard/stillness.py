@@ -169,8 +169,8 @@ _Stillness = tuple[float, bool, str]
 class StillnessDetector:
     """Decides for each frame whether the scene has been at rest long enough to take it.
 
-    A frame must be nearly as sharp as the hold's best: the lens may be focusing. Then the scene must move clearly, and
-    differ from the taken frame, before another is taken. Deterministic in frames and times.
+    A frame must be nearly as sharp as the sharpest since the scene came to rest: the lens may be focusing. Before
+    another is taken, the scene must move clearly, and differ from the taken frame. Deterministic in frames and times.
     """
 
     def __init__(self, settings: _StillnessSettings | None = None) -> None:

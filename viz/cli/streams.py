@@ -124,7 +124,7 @@ def timing_of(args: argparse.Namespace, rig: Rig | None = None) -> Timing:
     """How readings and pictures are matched, with this rig's sensor; the clocks' offset is 0 where it is to be
     estimated.
 
-    Raises InputError for times and angles that cannot be, and for an offset that nothing is left to tell of.
+    Raises InputError for impossible times and angles, and for an offset to be estimated that nothing shows.
     """
     from vbaa_calib.streams import Timing
 

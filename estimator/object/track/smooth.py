@@ -59,8 +59,8 @@ def _kalman_smooth(
 
 
 def _walk_intensity(time_s: np.ndarray, values: np.ndarray, variance: np.ndarray) -> float:
-    """Intensity of the velocity's random walk in a path (P,) with noise of these variances (P,), unit²/s³: the mean
-    over trials, evenly on a logarithmic scale, under the likelihood; NaN where nothing is known."""
+    """Intensity, unit²/s³, of the velocity's random walk in a path (P,) with noise of these variances (P,): the
+    posterior mean over a logarithmic grid; NaN where a value is missing or fewer than four are left."""
     sound = np.isfinite(values).all() and np.isfinite(variance).all() and (variance > 0.0).all()
     if not (sound and len(values) >= 4 and (np.diff(time_s) > 0.0).all()):
         return np.nan

@@ -78,7 +78,8 @@ class ReadingGroups:
         return steps[self.distance], np.exp(steps[self.force])
 
     def ends(self, stills: Sequence[Still], at: np.ndarray, farthest_m: float) -> np.ndarray:
-        """(K,) upper bounds of the errors: with the other errors at `at`, no load lies beyond the end."""
+        """(K,) upper bounds of the errors, in standard deviations: with the others at `at` (K,), no load hangs farther
+        from the clamp than `farthest_m`."""
         ends = np.full(self.count, np.inf)
         for still, place in zip(stills, self.distance, strict=True):
             if isinstance(still, Load) and place >= 0:

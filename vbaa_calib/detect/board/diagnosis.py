@@ -491,7 +491,7 @@ def _rows_too_many(markers: Sequence[Markers], spec: BoardSpec, image_size: tupl
 
 
 def _vacant_below(picture: Markers, columns: dict[int, int], spec: BoardSpec, image_size: tuple[int, int]) -> int:
-    """Share of the places for markers of the next row that lie well inside the picture, from a row of known columns."""
+    """Number of places for markers of the next row well inside the picture, from markers of a row in known columns."""
     row = picture.picked(np.isin(picture.ids, list(columns)))
     column = np.array([columns[int(number)] for number in row.ids])
     centres, per_square = row.outlines.mean(axis=1), row.px_per_marker * (spec.square_m / spec.marker_m)

@@ -41,7 +41,7 @@ class _BoardMap:
 
     @property
     def outline_px(self) -> np.ndarray:
-        """(4, 2) px, the board's outline around."""
+        """(4, 2) px corners of the board's outline, in order around it."""
         return self.pixels(_OUTLINE * self.squares)
 
     @property

@@ -98,8 +98,8 @@ def _measured(
 
 
 def _between(image: np.ndarray, line: Centreline, width_px: float, pulled_px: float) -> Centreline:
-    """The centreline between both edges of a lopsided line, which light from one side pulls by about `pulled_px`, alike
-    all along it; where something else next to it does, the line itself."""
+    """The centreline between both edges of a line that light from one side makes lopsided, by about `pulled_px` all
+    along it. The line itself where the edges do not agree on that: then something next to it is the cause."""
     between = measure_ribbon(image, line.guide_px, width_px)
     if not between.found:
         return between

@@ -32,7 +32,7 @@ void in_vectors(View<const Number<T>, 2> points, Work work) {
     }
 }
 
-// One of the columns of rows from `begin` on.
+// Writes values into one column of `some` rows from `begin` on.
 template <class T, class S>
 void put(S* rows, int width, int column, int begin, int some, T values) {
     S* to = rows + static_cast<std::size_t>(begin) * width + column;

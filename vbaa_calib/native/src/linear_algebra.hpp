@@ -27,7 +27,7 @@ void by_vectors(int wide, Work&& work) {
     }
 }
 
-// The same of some vectors of a row, in order: those next to each other together.
+// Calls work(count, first) for runs of neighbouring vectors among the chosen ones of a row, in order.
 template <class Work>
 void by_vectors(const std::vector<int>& vectors, Work&& work) {
     for (std::size_t k = 0, next = 0; k < vectors.size(); k = next) {

@@ -22,7 +22,7 @@ struct Sections {
     Vectors position, d1, d2, moment;
 };
 
-// What a part of a rod may be softer than at its clamp: nothing where it is uniform.
+// Curvature by a moment, relative to the clamp's flexibility: of a uniform rod, and of a softer part of a tapered one.
 struct Uniform {
     Vectors of(const Vectors& moment) const { return moment; }
 };
@@ -290,7 +290,7 @@ struct TwoTouches {
     double give_m;
 };
 
-// What is left of the tip's moment and of the forces' directions, of eight supposed solutions.
+// Residuals of eight trial solutions: the moment at the tip, and the directions of both forces.
 std::array<Lanes, 5> shoot_twice(const Rod& rod, const TwoTouches& loads, const std::array<Lanes, 5>& trial, int steps,
                                  double* nodes) {
     const auto& [gravity, touches, give_m] = loads;

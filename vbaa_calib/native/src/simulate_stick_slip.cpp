@@ -95,7 +95,7 @@ Trials tried(const Step& step, const std::array<Lanes, UNKNOWNS>& x) {
     return trials;
 }
 
-// What is left of the smooth equations, scaled, and Δu in L along the axes.
+// Scaled residuals of the smooth equations, and the slip Δu along both axes in antenna lengths.
 std::array<Lanes, UNKNOWNS> residual(const Step& step, const std::array<Lanes, UNKNOWNS>& x) {
     Trials trials = tried(step, x);
     double length = step.rod.length_m;

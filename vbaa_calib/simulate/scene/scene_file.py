@@ -126,7 +126,7 @@ def _nominal_and_true(read: _SceneAntenna) -> tuple[NominalAntenna, TrueAntenna]
 
 
 def _with_gain(sensor: Any) -> Any:
-    """A scene's `moment_sensor`, which reads the moment itself where neither gain nor offset is stated."""
+    """A scene's `moment_sensor` with gain 1 and offset 0 where these are not stated."""
     return {"gain": 1.0, "offset_Nm": 0.0, **sensor} if isinstance(sensor, Mapping) else sensor
 
 

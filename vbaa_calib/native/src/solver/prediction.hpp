@@ -16,7 +16,7 @@ void lay(const Rig& rig, Bent& bent, const Unknowns& unknowns);
 // All lanes' shapes and pictures; tangents of the first lane's shape.
 void bend_and_see(const Rig& rig, const Frame& frame, int rung, Bent& bent, bool with_tangents);
 
-// What turns a point of the picture into its place along the antenna's end, in σ of the end's own, and a length.
+// Factors from a step in the picture, and from a length, to the place of the antenna's end along itself, in its σ.
 struct TipAxis {
     double u, v, per_m;
 };

@@ -184,7 +184,7 @@ void along_axes(ConstMatrix axes, ConstMatrix raw, const Range (&ranges)[2], Ran
     }
 }
 
-// The same of all pictures, each by what its camera's depend on.
+// The same for the points of all pictures, each by the parameters that its camera depends on.
 void pictures_along_axes(const Rig& rig, const Bent& bent, Fit& fit) {
     const int every = rig.axes.shape[0];
     int clamp = 0;

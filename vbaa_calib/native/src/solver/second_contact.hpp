@@ -22,7 +22,8 @@ struct Pushes {
     ConstVector force_N, lever;
 };
 
-// What these along y and z do: displacement (M, 2 G), and what is read (READINGS, 2 G), in σ.
+// Effects of these forces along y and z: displacements of the points (M, 2 G) and of the readings (READINGS, 2 G), in
+// σ.
 void force_columns(const Rig& rig, const Frame& frame, const Fit& fit, const Pushes& pushes, Matrix columns,
                    Matrix readings);
 

@@ -23,7 +23,7 @@ constexpr double BEYOND_DOUBT = 100.0;
 constexpr double SINGULAR = 1e14;
 
 // Changes of what is observed and found: along the normals (M, ·), of the readings in σ (READINGS, ·), of contact point
-// and force (6, ·); a column for each row of Errors. sign : with which what other shapes say, less the fit's, counts.
+// and force (6, ·); a column for each row of Errors. sign : of the difference between another shape and the fit.
 struct Changes {
     double sign;
     Array<double, 2> shift;
