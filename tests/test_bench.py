@@ -106,8 +106,9 @@ def test_frames_at_random_are_never_wrong_with_confidence() -> None:
     assert all(row.claimed > 0 for row in rows)
 
 
-def test_a_small_world_on_the_whole_way(tmp_path: Path) -> None:
-    """It calibrates, and contacts are where they are, as far as is stated."""
+def test_a_small_world_on_the_whole_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It calibrates, and contacts are where they are, as far as is stated; nothing that is advised is followed."""
+    monkeypatch.setattr("benchmarks.worlds.judge._followed", lambda *_: (np.nan, np.nan, np.nan))
     world = rigs.draw_world(0, 1)
     world = replace(
         world, boards=world.boards[:8], free=world.free[:3], loads=world.loads[:4], contacts=world.contacts[2:8]
