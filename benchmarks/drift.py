@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -120,30 +121,21 @@ def estimated(rig: Rig, way: str, frames: Sequence[Measured]) -> list[Contact]:
     return list(estimator.run(frames) if way == SEEN else estimator.measure_batch(frames))
 
 
-@dataclass(frozen=True, eq=False)
-class _Judged:
-    """One recording, one way: errors and deviations (F,) in antenna lengths, NaN where nothing is located; free,
-    touched (F,)."""
-
-    error: np.ndarray
-    std: np.ndarray
-    free: np.ndarray
-    touched: np.ndarray
-    seconds: float
-
-
-def _judge(recording: Recording, way: str) -> _Judged:
+def _judge(recording: Recording, way: str) -> SimpleNamespace:
+    """One recording, one way: errors and deviations (F,) in antenna lengths, NaN where nothing is located."""
     found, seconds = timed(lambda: estimated(recording.rig, way, recording.frames))
     located = np.array([one.status in LOCATED for one in found])
     error, std = np.array([[one.distance_m, one.distance_std_m] for one in found]).T / recording.rig.antenna.length_m
     error = np.where(located, error - recording.truth.distance_m / recording.rig.antenna.length_m, np.nan)
     free = np.array([one.status == "no_contact" for one in found])
-    return _Judged(error, np.where(located, std, np.nan), free, recording.motion.touched, seconds)
+    return SimpleNamespace(
+        error=error, std=np.where(located, std, np.nan), free=free, touched=recording.motion.touched, seconds=seconds
+    )
 
 
 def run(options: Options) -> list[Row]:
     """Every change and way over all rigs and draws."""
-    judged: dict[tuple[str, str], list[_Judged]] = {}
+    judged: dict[tuple[str, str], list[SimpleNamespace]] = {}
     kinds = KINDS[: 1 if options.quick else None]
     for number in progress(range(options.draws), "rigs"):
         known = calibrated_rig(kinds[number % len(kinds)], 1000 * options.seed + number)

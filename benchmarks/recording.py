@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 
 from benchmarks.estimator.setup import drawn_truth
 from benchmarks.harness import Draws, Findings, Options, column, picked, rms, row_of, table, timed
 from benchmarks.object.scenes import AXIS, CENTRE, PIN_M, RIGID, SETUP, SOFT, Recorded, contacts, played
-from estimator.object.estimate import estimate_object
 from estimator.recording import refine
 from estimator.recording.problem import FrictionPrior
 from estimator.recording.refined import _begun as begun
@@ -59,33 +59,6 @@ CELLS = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Judged:
-    """One draw: errors of the frames that were refined, frame-wise and refined, and their deviations.
-
-    point_m, refined_m : (P, 3). bound_m : (P,) deviations of the point's three coordinates together, by the bound.
-    held_point : (P, 3), held_distance, held_force : (P,), (P, 2) bool, 95 % intervals that hold the truth.
-    worse : (P,) bool, the distance is farther off by more than `_WORSE` of its frame-wise deviations.
-    compliance_m_N : (1, 2) errors of the object's compliance, by frame-wise and by refined contacts.
-    """
-
-    frames: np.ndarray
-    point_m: np.ndarray
-    refined_m: np.ndarray
-    bound_m: np.ndarray
-    held_point: np.ndarray
-    held_distance: np.ndarray
-    held_force: np.ndarray
-    worse: np.ndarray
-    foreign: float
-    mu_told: bool
-    mu_held: bool
-    compliance_m_N: np.ndarray
-    compliance_held: bool
-    given_back: bool
-    seconds: float
-
-
 def _square(errors: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.sum(errors**2, axis=-1)))) if len(errors) else float("nan")
 
@@ -115,9 +88,6 @@ class RecordingRow:
     given_back: float = column("given back %", ".0f", 100.0, of=lambda d: float(d.given_back.mean()))
     mu_told: float = column("μ told", ".2f", of=lambda d: float(d.mu_told.mean()))
     mu_held: float = column("held", ".2f", of=lambda d: float(d.mu_held.mean()))
-    framewise_mm_N: float = column("1/k mm/N", ".2f", of=lambda d: 1e3 * rms(d.compliance_m_N[:, 0]))
-    refined_mm_N: float = column("refined", ".2f", of=lambda d: 1e3 * rms(d.compliance_m_N[:, 1]))
-    compliance_held: float = column("held", ".2f", of=lambda d: float(d.compliance_held.mean()))
     frame_ms: float = column("ms a frame", ".2f", of=lambda d: 1e3 * float(d.seconds.sum()) / float(d.frames.sum()))
 
 
@@ -182,8 +152,9 @@ def bound_m(
     return np.asarray(np.sqrt(np.einsum("bii->b", own) + (modes**2).sum(axis=(1, 2))))
 
 
-def judge(recorded: Recorded) -> Judged:
-    """Estimate a recording frame by frame, refine it, and compare both with the truth."""
+def judge(recorded: Recorded) -> SimpleNamespace:
+    """Estimate a recording frame by frame, refine it, and compare both with the truth, as `RecordingRow` takes it: of
+    the P frames that were refined errors point_m and refined_m (P, 3), their bound, and what holds the truth."""
     found = contacts(recorded)
     lines = measured(recorded)
     as_one, seconds = timed(lambda: refine(found, recorded.given, lines))
@@ -197,10 +168,7 @@ def judge(recorded: Recorded) -> Judged:
     force = np.stack([after.force_y_N, after.force_z_N], axis=1) - truth.force_antenna_N[rows, 1:]
     force_std = np.stack([after.force_y_std_N, after.force_z_std_N], axis=1)
     rub = as_one.friction
-    framewise = estimate_object(found, recorded.given, events=False)
-    soft = framewise.compliance, (as_one.object or framewise).compliance
-    compliance = np.array([[each.compliance_m_N for each in soft]]) - 1.0 / recorded.object.stiffness_N_m
-    return Judged(
+    return SimpleNamespace(
         frames=np.array([float(len(recorded))]),
         point_m=off,
         refined_m=close,
@@ -212,8 +180,6 @@ def judge(recorded: Recorded) -> Judged:
         foreign=float(as_one.foreign.sum()),
         mu_told=rub is not None and rub.determined,
         mu_held=rub is not None and bool(rub.interval[0] <= recorded.object.friction <= rub.interval[1]),
-        compliance_m_N=compliance,
-        compliance_held=bool(abs(compliance[0, 1]) <= _WIDE * soft[1].std_m_N),
         given_back=bool(as_one.reason),
         seconds=seconds,
     )

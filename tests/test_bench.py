@@ -92,7 +92,7 @@ def test_contacts_near_the_tip_are_as_uncertain_as_stated() -> None:
 
 def test_size_does_not_matter() -> None:
     """The same noise on a rig 1000 times larger gives the same answer, in its own units."""
-    frames = population(Setup().rig(), 5, 3).scenes
+    frames = population(Setup().rig(), 5, 3)
     length, large = frames.rig.antenna.length_m, resized(frames.rig, 1e3)
     twin = replace(frames, rig=large, moment_Nm=1e3 * frames.moment_Nm)
     ours, theirs = (estimated(Hard(each), "elastica").distance_m for each in (frames, twin))

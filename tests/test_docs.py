@@ -54,10 +54,6 @@ def name_of(path: Path) -> str:
     return path.relative_to(ROOT).as_posix()
 
 
-def without_code(text: str) -> str:
-    return re.sub(r"`[^`\n]+`", "", FENCE.sub("", text))
-
-
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The built site, the tutorial run. Every warning is an error, as in `make docs`."""
@@ -91,7 +87,7 @@ def test_every_verb_has_its_row() -> None:
 @pytest.mark.parametrize("path", PAGES, ids=name_of)
 def test_links_lead_somewhere(path: Path) -> None:
     """Every relative link and picture, and every anchor in a page of ours."""
-    for link in _LINK.findall(without_code(path.read_text(encoding="utf-8"))):
+    for link in _LINK.findall(re.sub(r"`[^`\n]+`", "", FENCE.sub("", path.read_text(encoding="utf-8")))):
         if "://" in link:
             continue
         target, _, anchor = link.partition("#")

@@ -190,26 +190,28 @@ class Mistake(Generic[Data]):
     says: str = ""
 
 
+_READ = ("moment_Nm", "pan_rad", "tilt_rad")
+
+
+def _noted(was: Recording, names: Sequence[str]) -> np.ndarray:
+    """(n, F) what the frames say of each."""
+    return np.array([[getattr(one, name) for one in was.frames] for name in names])
+
+
+def _noting(was: Recording, names: Sequence[str], values: np.ndarray) -> Recording:
+    """The recording with other numbers (n, F) in these columns."""
+    rows = zip(was.frames, values.T.tolist(), strict=True)
+    return replace(was, frames=[replace(one, **dict(zip(names, own, strict=True))) for one, own in rows])
+
+
 def _readings(change: Callable[[np.ndarray, np.random.Generator, Recording], np.ndarray]) -> Altered:
     """Moments (F,) changed."""
-
-    def altered(was: Recording, rng: np.random.Generator) -> Recording:
-        moments = change(np.array([one.moment_Nm for one in was.frames]), rng, was)
-        frames = [replace(one, moment_Nm=float(m)) for one, m in zip(was.frames, moments, strict=True)]
-        return replace(was, frames=frames)
-
-    return altered
+    return lambda was, rng: _noting(was, _READ[:1], change(_noted(was, _READ[:1])[0], rng, was)[None])
 
 
 def _joints(change: Callable[[np.ndarray, np.random.Generator], np.ndarray]) -> Altered:
     """Pan and tilt (2, F) changed, as they are noted."""
-
-    def altered(was: Recording, rng: np.random.Generator) -> Recording:
-        joints = change(np.array([[one.pan_rad, one.tilt_rad] for one in was.frames]).T, rng)
-        pairs = zip(was.frames, joints.T.tolist(), strict=True)
-        return replace(was, frames=[replace(one, pan_rad=pan, tilt_rad=tilt) for one, (pan, tilt) in pairs])
-
-    return altered
+    return lambda was, rng: _noting(was, _READ[1:], change(_noted(was, _READ[1:]), rng))
 
 
 def _lines(change: Callable[[np.ndarray, Recording, np.random.Generator], np.ndarray]) -> Altered:
@@ -414,9 +416,6 @@ def _sigma(factor: float | None) -> Altered:
     return altered
 
 
-_READ = ("moment_Nm", "pan_rad", "tilt_rad")
-
-
 def _clock(low_s: float, high_s: float, names: Sequence[str] = _READ, in_rows: bool = False) -> Altered:
     """Readings with stamps that are so late: each picture gets those of an earlier moment. in_rows : the times are
     multiples of the time between rows."""
@@ -425,23 +424,13 @@ def _clock(low_s: float, high_s: float, names: Sequence[str] = _READ, in_rows: b
         times = was.motion.time_s
         unit_s = float(np.median(np.diff(times))) if in_rows else 1.0
         late = times - rng.choice([-1.0, 1.0]) * np.exp(rng.uniform(*np.log([low_s, high_s]))) * unit_s
-
-        def of(name: str) -> list[float]:
-            values = np.array([getattr(one, name) for one in was.frames])
-            return np.interp(late, times, values).tolist()
-
-        columns = [of(name) for name in names]
-        rows = zip(was.frames, *columns, strict=True)
-        return replace(was, frames=[replace(one, **dict(zip(names, own, strict=True))) for one, *own in rows])
+        return _noting(was, names, np.array([np.interp(late, times, values) for values in _noted(was, names)]))
 
     return altered
 
 
 def _times(factor: float) -> Altered:
-    def altered(was: Recording, rng: np.random.Generator) -> Recording:
-        return replace(was, frames=[replace(one, time_s=factor * one.time_s) for one in was.frames])
-
-    return altered
+    return lambda was, rng: _noting(was, ["time_s"], factor * _noted(was, ["time_s"]))
 
 
 def _no_free(was: Recording, rng: np.random.Generator) -> Recording:
@@ -453,7 +442,7 @@ def _no_free(was: Recording, rng: np.random.Generator) -> Recording:
 
 
 def _unread(was: Recording, rng: np.random.Generator) -> Recording:
-    return replace(was, frames=[replace(one, moment_Nm=np.nan, pan_rad=0.0, tilt_rad=0.0) for one in was.frames])
+    return _noting(was, _READ, np.repeat([[np.nan], [0.0], [0.0]], len(was.frames), axis=1))
 
 
 def _row(what: str, right: str, altered: Altered, must: str = NAMED, says: str = "") -> Mistake[Recording]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 from scipy.stats import chi2, norm
@@ -22,41 +23,11 @@ _LEAST_FORCE_N = 0.01
 """Directions of smaller forces are not judged."""
 
 
-@dataclass(frozen=True, eq=False)
-class Judged:
-    """One draw against the truth; errors are estimated less true.
+def judge(recorded: Recorded, friction_rad: float = FRICTION_RAD) -> SimpleNamespace:
+    """Estimate a recording's contacts and object, and compare them with the truth, as `ObjectRow` takes it.
 
-    contacts : number of touches on the surface.
-    surface_m, surface_std_m : (V,) distance of the drawn vertices from the object, and their deviations; NaN for these
-        where they are not known.
-    point_m, point_std_m : (P,) errors of the contact points along the object's normal, and their deviations.
-    normal_rad, normal_inside : (P,) angle to the true normal, and whether that lies in the 95 % region.
-    force_rad : (K,) angle of the forces above `_LEAST_FORCE_N` to the true normal.
-    mu, mu_inside, stiffness_N_m, stiffness_inside : NaN and False where they are undetermined.
-    """
-
-    contacts: int
-    surface_m: np.ndarray
-    surface_std_m: np.ndarray
-    point_m: np.ndarray
-    point_std_m: np.ndarray
-    normal_rad: np.ndarray
-    normal_inside: np.ndarray
-    force_rad: np.ndarray
-    true_mu: float
-    mu: float
-    mu_told: bool
-    mu_inside: bool
-    true_stiffness_N_m: float
-    stiffness_N_m: float
-    stiffness_told: bool
-    stiffness_inside: bool
-
-
-def judge(recorded: Recorded, friction_rad: float = FRICTION_RAD) -> Judged:
-    """Estimate a recording's contacts and object, and compare them with the truth.
-
-    `friction_rad` is the deviation of the friction angle that the estimator is given.
+    Errors are estimated less true: of the surface's vertices (V,), of the contact points (P,) along the object's normal
+    and of the normals (P,), of forces (K,) above `_LEAST_FORCE_N`. friction_rad : what the estimator knows of friction.
     """
     table = contacts(recorded, friction=friction_rad)
     felt = estimate_object(table, recorded.given, friction_rad)
@@ -68,7 +39,7 @@ def judge(recorded: Recorded, friction_rad: float = FRICTION_RAD) -> Judged:
     away = table.point_world_m[rows] - truth.point_world_m[rows]
     turned, inside = _normals(felt, normal)
     rub, soft = felt.friction, felt.compliance
-    return Judged(
+    return SimpleNamespace(
         contacts=len(rows),
         surface_m=obj.signed_distance(surface.points_m)[0],
         surface_std_m=surface.std_m,

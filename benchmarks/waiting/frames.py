@@ -1,14 +1,12 @@
-"""Frames as users have them, with their bound; and some that fit nothing."""
+"""Frames as users have them: centrelines, and pictures in memory."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from benchmarks.estimator.bound import bound
 from benchmarks.estimator.scenes import Scenes, joined, push_for_deflection, rod_shapes, rolled, scenes
 from benchmarks.estimator.setup import TOWARDS_CLAMP, Setup, drawn_truth
 from benchmarks.vision.scenes import PLAIN, bare_studio
@@ -29,21 +27,7 @@ SIZE, PICTURE_JOINTS_RAD = (1280, 720), (0.3, -0.25)
 """Of pictures, px; pan and tilt of all of them: weight bends the antenna along y and z."""
 
 
-@dataclass(frozen=True, eq=False)
-class Judged:
-    """Noisy frames with their bound (B,) m."""
-
-    scenes: Scenes
-    bound_m: np.ndarray
-
-    @property
-    def given(self) -> dict[str, np.ndarray]:
-        """What the estimator is given."""
-        return {name: getattr(self.scenes, name) for name in ("points_px", "moment_Nm", "pan_rad", "tilt_rad")}
-
-
-@lru_cache(maxsize=8)
-def population(rig: Rig, frames: int, seed: int, friction_rad: float = 0.0, points: int = 200) -> Judged:
+def population(rig: Rig, frames: int, seed: int, friction_rad: float = 0.0, points: int = 200) -> Scenes:
     """Noisy frames of the static rod, rolls evenly up to 60°, half of them with friction of that deviation.
 
     Of a rig that is not exactly known several true ones take part, each one draw of its covariance away.
@@ -61,12 +45,8 @@ def population(rig: Rig, frames: int, seed: int, friction_rad: float = 0.0, poin
         how: dict[str, Any] = {"made_by": rod_shapes, "sigma_px": rig.image.noise_px, "points": points, "given": rig}
         return scenes(truth, distance[own], push[own], friction[own], pan_rad=pan, tilt_rad=tilt, **how)
 
-    every = np.arange(frames)
-    parts = [
-        seen(rig if exact else drawn_truth(rig, rng), own).noisy(rng)
-        for own in np.array_split(every, 1 if exact else min(TRUE_RIGS, frames))
-    ]
-    return Judged(joined(parts), bound(seen(rig, every), friction_rad).std[:, 0])
+    parts = np.array_split(np.arange(frames), 1 if exact else min(TRUE_RIGS, frames))
+    return joined([seen(rig if exact else drawn_truth(rig, rng), own).noisy(rng) for own in parts])
 
 
 def photographed(count: int, seed: int) -> tuple[Rig, dict[str, np.ndarray]]:

@@ -161,12 +161,13 @@ def commands(trees: Sequence[Tree], folder: Path, quick: bool) -> Iterator[WaitR
 
 def fits(trees: Sequence[Tree], rig: Rig, frames: int, seed: int, folder: Path) -> Iterator[WaitRow]:
     """First calls, frames and pictures within a process: the same rig and frames in every tree."""
-    judged, path = population(rig, frames, seed, FRICTION_RAD, POINTS), folder / "calibrated.json"
-    few = {name: values[: min(SINGLE, frames)] for name, values in judged.given.items()}
+    scenes, path = population(rig, frames, seed, FRICTION_RAD, POINTS), folder / "calibrated.json"
+    every = {name: getattr(scenes, name) for name in ("points_px", "moment_Nm", "pan_rad", "tilt_rad")}
+    few = {name: values[: min(SINGLE, frames)] for name, values in every.items()}
     camera, pictures = photographed(min(PICTURES, frames), seed)
     write_json(path, rig.to_dict())
     write_json(folder / "camera.json", camera.to_dict())
-    for name, arrays in (("frames", judged.given), ("few", few), ("pictures", pictures)):
+    for name, arrays in (("frames", every), ("few", few), ("pictures", pictures)):
         np.savez(folder / f"{name}.npz", allow_pickle=False, **arrays)
     first = ["-c", _FIRST, str(path), str(folder / "few.npz")]
     spent = [1e3 * min(tree.run(*first)["cpu_s"] for _ in range(2)) for tree in trees]
@@ -189,7 +190,7 @@ def fits(trees: Sequence[Tree], rig: Rig, frames: int, seed: int, folder: Path) 
             more = {"evaluations": counts[0], "other_evaluations": counts[1] if len(asked) > 1 else None}
             yield row(work, ms[0], *((trees[1].name, ms[1]) if len(asked) > 1 else ()), **more)
             if way == "single":
-                works = [partial(one_contact, judged.scenes, index) for index in range(min(LOOP, frames))]
+                works = [partial(one_contact, scenes, index) for index in range(min(LOOP, frames))]
                 loop = 1e3 * float(np.median([processor_seconds(each, 0) for each in works]))
                 yield row(work, ms[0], "SciPy least_squares", loop)
 

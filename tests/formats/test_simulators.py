@@ -19,7 +19,6 @@ from scipy.spatial.transform import Rotation
 
 import vbaa
 from benchmarks.estimator.setup import Setup
-from benchmarks.suite import SUBJECTS
 from estimator import rod as public_rod
 from vbaa_calib.antenna.rod import solve_rod
 from vbaa_calib.antenna.shape import bend
@@ -195,4 +194,3 @@ def test_simulators_agree_with_the_rod() -> None:
     call = [sys.executable, "-m", "vbaa_calib", "bench", "simulators", "--quick", "--json"]
     found = json.loads(subprocess.run(call, capture_output=True, text=True, check=True).stdout)
     assert found["within"] or len(found["absent"]) == 2
-    assert "simulators.csv" in SUBJECTS["simulators"].files

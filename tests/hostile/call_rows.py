@@ -57,16 +57,12 @@ CALLS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("no threads", "estimate session --rig rig.json -o out.csv --jobs 0", ("jobs is 0", "1 or more")),
     ("contacts in a spreadsheet", "estimate session --rig rig.json -o out.xlsx", ("is neither .csv nor .parquet",)),
     (
-        "onto the recording",
+        "onto its input",
         "estimate session --rig rig.json --force -o session/recording/recording.csv",
         ("recording.csv",),
     ),
     ("a folder without pictures", "intrinsics session --board board.yaml -o out.json", ("session: holds no pictures",)),
-    (
-        "squares in mm",
-        "intrinsics session/intrinsics --squares 9x6 --square 25 -o o.json",
-        ("--square is 25 m", "0.025"),
-    ),
+    ("sizes in mm", "intrinsics session/intrinsics --squares 9x6 --square 25 -o o.json", ("--square is 25 m", "0.025")),
     ("markers on circles", "intrinsics session/intrinsics --circles 4x11 --marker 0.01 -o o.json", ("--marker",)),
     ("onto the rig", "track contacts.csv --rig rig.json --force -o rig.json", ("rig.json", "is an input")),
     ("smooth without a rig", "track contacts.csv -o a.csv --smooth b.csv", ("--smooth needs --rig",)),

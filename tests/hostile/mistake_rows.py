@@ -85,18 +85,10 @@ TRUTH: tuple[Row, ...] = (
     ),
 )
 MESH: tuple[Row, ...] = (
-    (
-        "points of another number",
-        d.changed(lambda data: data.replace(b'NumberOfPoints="', b'NumberOfPoints="9')),
-        "mesh",
-    ),
+    ("points miscounted", d.changed(lambda data: data.replace(b'NumberOfPoints="', b'NumberOfPoints="9')), "mesh"),
 )
 PLY: tuple[Row, ...] = (
-    (
-        "2^60 points",
-        d.changed(lambda data: data.replace(b"element vertex ", b"element vertex 999999999999")),
-        "no mesh",
-    ),
+    ("2^60 dots", d.changed(lambda data: data.replace(b"element vertex ", b"element vertex 999999999999")), "no mesh"),
 )
 GLB: tuple[Row, ...] = (
     ("a version of tomorrow", d.changed(lambda data: data[:4] + b"\x09\0\0\0" + data[8:]), "holds no mesh"),
@@ -143,7 +135,7 @@ def same(data: bytes) -> bytes:
 POSES: tuple[Row, ...] = (
     ("a view twice", d.cell(3, "view", "board_000.png"), "line 3", "view board_000.png stands twice"),
     (
-        "views of another set",
+        "another set's views",
         d.changed(lambda data: data.replace(b"board_", b"frame_")),
         "no row is of one of the views",
     ),
