@@ -19,7 +19,7 @@ from vbaa_calib.core.arrays import MOMENT_REMEDY, PLAUSIBLE, Rows, check_each, s
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.core.polyline import arc_lengths
-from vbaa_calib.detect.whisker.acceptance import decided, explained, less_sure, of_antennas_shape
+from vbaa_calib.detect.whisker.acceptance import decided, explained, of_antennas_shape
 from vbaa_calib.detect.whisker.background import Background, evened
 from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline, Visibility
 from vbaa_calib.detect.whisker.corridor import Corridor, corridor, free_curve, pixels, width_px
@@ -215,7 +215,7 @@ def _along(rig: Rig, glance: _FirstDetection, unknowns: np.ndarray, points_m: np
         if line.found and changing:
             farther_px = arc_lengths(first.points_px)[-1] - arc_lengths(again.points_px)[-1]
             more = first.found and line.seen < first.seen and farther_px < ContactSettings.farther_widths * width
-            line = first if more else less_sure(line, where)
+            line = first if more else line
     # what is doubted on a closer look, though not on the first, makes no contact
     return Detection(line, measured(rig, glance.frame, line if line.found else NOTHING, start=unknowns))
 

@@ -25,7 +25,7 @@ class Evidence(NamedTuple):
     ----------
     inside, root : parts of the path that are in the picture, and of its beginning where the line is seen.
     spread_px : median deviation of its points.
-    wander_px, snaking_rad : rms distance of its points from a curve of low order, and by how much that snakes.
+    wander_px : rms distance of its points from a curve of low order.
     changing : whether it may be here brighter, there darker.
     """
 
@@ -33,7 +33,6 @@ class Evidence(NamedTuple):
     root: float
     spread_px: float
     wander_px: float
-    snaking_rad: float
     changing: bool
 
 
@@ -102,7 +101,7 @@ def _doubt(line: Centreline, look: Evidence) -> tuple[Verdict, str] | None:
     if contrast < limits.least_contrast:
         return "no_antenna", f"what could be the antenna hardly stands out from the noise ({share})"
     most_px = np.hypot(limits.wander_px, limits.wander_sigma[changing] * look.spread_px)
-    if look.wander_px > most_px or look.snaking_rad > limits.snaking_rad:
+    if look.wander_px > most_px:
         return "no_antenna", f"what could be the antenna is no smooth line ({share})"
     least = limits.least_seen_changing if changing else limits.least_seen
     if seen < least or (contrast <= limits.clear_contrast and seen / inside < limits.least_seen_inside):
@@ -167,16 +166,6 @@ def of_antennas_shape(line: Centreline, where: Corridor, changing: bool) -> Cent
         "what could be the antenna is not its free shape bent by a force (an object's edge, a cable; or the rig has "
         "moved since its calibration)",
     )
-
-
-def less_sure(line: Centreline, where: Corridor) -> Centreline:
-    """The centreline, on a calibrated rig with standard deviations increased by the deviation of its shape from an
-    antenna's."""
-    if where.shape_px is None or not line.found:
-        return line
-    usual, doubt_px = AcceptanceSettings.usual_misfit, AcceptanceSettings.shape_doubt * where.shape_px
-    misfit = where.misfit(line.points_px, line.sigma_px, usual)
-    return line.doubted(doubt_px * float(np.sqrt(max(misfit - usual, 0.0))))
 
 
 class Cause(Enum):

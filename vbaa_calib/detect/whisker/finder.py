@@ -13,7 +13,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.polyline import arc_lengths, followed, normals, resample
 from vbaa_calib.native import core
 
-from .acceptance import best_of, less_sure, of_antennas_shape, reject_faint
+from .acceptance import best_of, of_antennas_shape, reject_faint
 from .centreline import Centreline, too_short
 from .corridor import Corridor, free_curve
 from .profile import measure, measure_on, measure_ribbon, refine_path
@@ -181,7 +181,7 @@ class AntennaFinder:
         """The line along one of the likely shapes, even if it is brighter than its background here and darker there."""
         lines = [self._along_shape(image, picture, path, odds) for path, odds in self.shapes(picture)]
         line = best_of(lines, self.corridor.width_px, AcceptanceSettings.other_changing)
-        return less_sure(reject_faint(line, self.usual_height), self.corridor)
+        return reject_faint(line, self.usual_height)
 
     def _along_shape(
         self, image: np.ndarray, picture: np.ndarray, path_px: np.ndarray, odds: float = np.nan

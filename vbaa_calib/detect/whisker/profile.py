@@ -69,12 +69,7 @@ def measure_on(
         return measure_ribbon(image, path_px, width_px)
     half = int(np.ceil(0.8 * (width_px + blurred_px) + 5.0))
     path_px = np.ascontiguousarray(path_px, np.float64)
-    line = _measured(image, path_px, width_px, half, bright, taper)
-    if line.breadth > ProfileSettings.broader:
-        half = int(np.ceil(half + 0.7 * line.breadth * width_px + 2.0))
-        wider = _measured(image, path_px, width_px, half, bright, taper)
-        return wider if len(wider.points_px) >= len(line.points_px) else line
-    return line
+    return _measured(image, path_px, width_px, half, bright, taper)
 
 
 def _measured(

@@ -53,7 +53,6 @@ class ProfileSettings:
 
     blur_px: float = 0.8  # standard deviation of a lens in focus
     uneven: float = 0.4  # deviation of its pull along a lopsided line, over that, from which it is no light's
-    broader: float = 1.5  # breadth from which a line is measured again with longer profiles
     # noise of whole rows, or columns, of pixels
     row_run: int = 12  # points of a line on one row, from which it matters: as long as other errors are shared
     row_band: int = 64  # rows on either side of a line, in which what the pixels of a row share is measured
@@ -109,7 +108,6 @@ class AcceptanceSettings:
     wander_px: float = 0.25  # rms distance of the points from a curve as smooth as an antenna's: pixels, and,
     wander_sigma: tuple[float, float] = (1.35, 2.7)  # added in square, standard deviations; of a changing line more of
     # these: neighbours share their errors there
-    snaking_rad: float = 0.25  # turns to and fro beyond the turn from end to end: a cantilever bends one way
     # another line
     other_line: float = 0.7  # how likely it is, over the first one, from which the picture is ambiguous
     other_changing: float = 0.85  # the same of lines whose polarity may change
@@ -123,7 +121,6 @@ class AcceptanceSettings:
     unsure_misfit: float = 0.25  # most for a changing line that is not surely one
     much_seen: float = 0.72  # fraction that must be seen, or surely seen, of a changing line for more
     depth_rad: float = 3.0  # prior standard deviation of the bend towards the camera, which perspective alone shows
-    shape_doubt: float = 4.0  # standard deviation that points share, over shape_px, for the root of a misfit of one
     from_clamp: float = 0.35  # part of the length over which its direction at the clamp is measured
     bends_more: tuple[float, float] = (3.0, 0.15)  # error of that direction by a contact there, over the line's turn;
     # of one whose polarity may change

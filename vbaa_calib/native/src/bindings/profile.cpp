@@ -31,9 +31,8 @@ nb::object answer(detect::MeasuredLine&& found) {
              "visibility"_a = to_numpy(std::move(seen.visibility)),
              "end_px"_a = to_numpy(Array<double, 1>(ConstVector(end.place.data(), {2}))), "end_std_px"_a = end.std_px,
              "end"_a = kinds[static_cast<int>(end.kind)], "noise"_a = line.noise, "sure"_a = line.sure);
-    const nb::object evidence =
-        dict("inside"_a = seen.inside, "root"_a = seen.root, "spread_px"_a = seen.spread_px,
-             "wander_px"_a = seen.wander_px, "snaking_rad"_a = seen.snaking_rad, "changing"_a = line.changing);
+    const nb::object evidence = dict("inside"_a = seen.inside, "root"_a = seen.root, "spread_px"_a = seen.spread_px,
+                                     "wander_px"_a = seen.wander_px, "changing"_a = line.changing);
     return nb::make_tuple(centreline, evidence, found.lopsided_px);
 }
 

@@ -9,7 +9,6 @@ namespace {
 
 constexpr double ROOT = 0.33;    // the beginning of the path, as a part of it: the antenna starts at the clamp
 constexpr int WANDER_ORDER = 6;  // order of the curve that the points are compared with
-constexpr int HEADINGS = 40;     // places along that curve at which its direction is compared
 
 using Orders = std::array<double, WANDER_ORDER + 1>;
 
@@ -18,24 +17,6 @@ Orders chebyshev(double place) {
     Orders values = {1.0, place};
     for (int i = 2; i <= WANDER_ORDER; ++i) values[i] = 2.0 * place * values[i - 1] - values[i - 2];
     return values;
-}
-
-// By how much a curve with coefficients (orders, 2) turns to and fro beyond the turn from end to end, rad.
-double snaking(const Table& curve) {
-    double turned = 0.0, turned_at_all = 0.0, before = 0.0;
-    for (int k = 0; k < HEADINGS; ++k) {
-        const Orders from = chebyshev(2.0 * k / HEADINGS - 1.0), to = chebyshev(2.0 * (k + 1) / HEADINGS - 1.0);
-        double u = 0.0, v = 0.0;
-        for (int i = 0; i <= WANDER_ORDER; ++i) {
-            u += (to[i] - from[i]) * curve(i, 0);
-            v += (to[i] - from[i]) * curve(i, 1);
-        }
-        const double heading = std::atan2(v, u), turn = k ? std::remainder(heading - before, 2.0 * M_PI) : 0.0;
-        turned += turn;
-        turned_at_all += std::abs(turn);
-        before = heading;
-    }
-    return turned_at_all - std::abs(turned);
 }
 
 // Compares the kept points (N, 2) with a curve of low order.
@@ -64,7 +45,6 @@ void measure_wander(const Numbers& along, const Table& points, const Flags& kept
         }
     }
     found.wander_px = std::sqrt(squares / count);
-    found.snaking_rad = snaking(curve);
 }
 
 // Places behind the last one that is seen lie beyond it.

@@ -32,7 +32,6 @@ struct Evidence {
     double root;               // part of the path's beginning where it is seen
     double height, spread_px;  // medians of its height, grey levels, and deviation
     double wander_px;          // root mean square distance of its points from a curve of low order
-    double snaking_rad;        // by how much that curve turns to and fro
 };
 
 // The kept points (N,) but for so many on either side of a gap, and without those that are too few between two gaps for

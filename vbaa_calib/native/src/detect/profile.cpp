@@ -14,7 +14,6 @@ constexpr double ALIKE = 0.8;           // length of the mean phase on the pixel
 constexpr double LOPSIDED = 0.012;      // difference of its sides, over its height, that is too much for a broad line
 constexpr double FLANKED_PX = 5.0;      // that is broader than this: its two edges are measured
 constexpr double PULLED = 0.05;  // part of the width by which a faint highlight pulls it, half of it as deviation
-constexpr double FAINTER = 0.7;  // where less of the usual height is left, the same highlight pulls it more
 // An object's edge next to the antenna shifts about so many neighbouring points alike: what a step of the background
 // behind the line would move them by, on average, is doubt where it exceeds so many of its own deviations.
 constexpr int EDGE_RUN = 21;
@@ -165,12 +164,6 @@ Lines symmetric_lines(Learned learned, const Measuring& how) {
         for (int n = 0; n < all; ++n) lines.usual[n] *= height[n];
     }
     lines.shared = each(all, [&](int) { return 0.5 * learned.pulled; });
-    if (learned.pulled > 0.5 * PULLED * how.width_px) {
-        const Numbers height = each(all, [&](int n) { return std::max(fits.height[n], 0.0); });
-        const Numbers near = running_mean(height, NEAR_POINTS, Beyond::end_value);
-        for (int n = 0; n < all; ++n)
-            lines.shared[n] *= std::max(FAINTER * usual / std::max(near[n], 0.1 * usual + 1e-9), 1.0);
-    }
     lines.half_width_px = half_width_px(learned.section);
     lines.section = std::move(learned.section);
     return lines;
