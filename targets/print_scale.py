@@ -128,6 +128,8 @@ def _refuse_senseless(rulers: tuple[float, float], readings: tuple[float, float]
         }.items():
             if abs(ratio / factor - 1) < 0.1:
                 hint = f"{slip}, it seems, {reading / factor:.5g} mm would do"
+        if readings[0] == readings[1] and not 0.9 < rulers[0] / rulers[1] < 1.1:
+            hint = "one square was measured, it seems; measure from end to end"
         if not SCALE.range[0] <= ratio <= SCALE.range[1]:
             raise ValueError(f"reading_{axis}_mm is {reading:g} where about {ruler:g} is expected: {hint}")
 

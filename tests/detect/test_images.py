@@ -77,3 +77,14 @@ def test_pictures_are_listed_by_name(tmp_path: Path) -> None:
     for name in ("b.PNG", "a.jpg", "c.txt", ".hidden.png"):
         (tmp_path / name).write_bytes(b"x")
     assert [path.name for path in list_images(tmp_path)] == ["a.jpg", "b.PNG"]
+
+
+def test_pictures_of_other_kinds_are_named(tmp_path: Path) -> None:
+    """A phone's or a camera's raw ones, beside others or alone; not where the same picture is there in a kind that is
+    read."""
+    for name in ("a.jpg", "a.dng", "b.HEIC"):
+        (tmp_path / name).write_bytes(b"x")
+    with pytest.raises(InputError, match=r"1 pictures are \.heic"):
+        list_images(tmp_path)
+    (tmp_path / "b.png").write_bytes(b"x")
+    assert [path.name for path in list_images(tmp_path)] == ["a.jpg", "b.png"]

@@ -180,6 +180,38 @@ def test_back_reaches_the_questions_of_a_step_whose_pictures_have_begun(source: 
     assert store.journal.of("lens").closed
 
 
+def test_a_table_or_board_that_was_mended_counts(source: Path, tmp_path: Path) -> None:
+    """Whichever table was edited, that of the pictures or the session's own; and pictures that were left out for a
+    board's file are offered again once that describes another board."""
+    board = tmp_path / "board.yaml"
+    board.write_text(
+        "{type: charuco, squares_x: 8, squares_y: 6, square_m: 0.02, marker_m: 0.015, dictionary: DICT_4X4_50}"
+    )
+    given = (
+        until(source, "source")
+        | answers(source)
+        | {"board": str(board), "board_along_x_mm": 160, "board_along_y_mm": 120}
+    )
+    session, file = tmp_path / "session", answers_file(tmp_path / "answers.yaml", given)
+    call(session, "--answers", file)
+    for path, was, mended in (
+        (source / "loads" / "loads.csv", "0.1,0,-0.05", "0.11,0,-0.05"),
+        (session / "loads" / "loads.csv", "0.11,0", "0.12,0"),
+        (session / "loads" / "loads.csv", "0.12,0", "a tenth,0"),
+    ):
+        path.write_text(path.read_text().replace(was, mended))
+        os.utime(path, (2e9, 2e9))
+        call(session, "--answers", file)
+        os.utime(source / "loads" / "loads.csv", (1e9, 1e9))
+    with Store(session) as store:
+        assert store.journal.of("loads").taken[0].readings["distance_m"] == 0.12
+        assert store.journal.of("lens").left
+    board.write_text(board.read_text().replace("6", "7"))
+    call(session, "--answers", file, "--board-along-y-mm", 140, "--source", tmp_path / "nowhere")
+    with Store(session) as store:
+        assert not store.journal.of("lens").left
+
+
 MADE_OF, OTHER = "stainless steel", "nylon"
 RIGHT = {"jig_translation_mm": [28.0, 61.0, -9.0], "jig_board_x": "x", "jig_board_y": "-y"}
 

@@ -19,7 +19,7 @@ import numpy as np
 from vbaa_calib.convert.child import read_in_child, read_video_head
 from vbaa_calib.core.errors import Disconnected, InputError, one_line, reason_of
 from vbaa_calib.core.files import most_memory, require_file
-from vbaa_calib.core.images import SUFFIXES, read_gray
+from vbaa_calib.core.images import CONVERT, SUFFIXES, other_kinds, read_gray
 
 
 @dataclass(frozen=True)
@@ -135,6 +135,10 @@ class FolderSource:
         self._watched: dict[str, _Watched] = {}
         self._ready: list[str] = []
         names = self._names(InputError)
+        if others := other_kinds(os.listdir(folder)):
+            if not wait:
+                raise InputError(others, where=self.name, remedy=CONVERT)
+            self.notes += (f"{others}: {CONVERT}",)
         if not names and not wait:
             raise InputError("holds no pictures", where=self.name, remedy=f"put {', '.join(SUFFIXES)} files into it")
         self._start_s = self._scanned_s = time.monotonic()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -100,11 +101,23 @@ class Capture:
             progress = self.step.progress(self.state)
             self.ui.show(self.step, progress)
             if not progress.usable:
-                what = f"{self.step.title}: {'; '.join(progress.missing) or 'no picture'}"
-                remedy = f"add pictures there and run it again: {progress.next}"
-                raise Disconnected(what, where=self.source.name, remedy=remedy)
+                raise self._too_few(progress)
             return self._close("all pictures seen")
         return None
+
+    def _too_few(self, progress: Progress) -> Disconnected:
+        """The error of a source that has ended: what is missing, and why most of its pictures were left out."""
+        what = f"{self.step.title}: {'; '.join(progress.missing) or 'no picture'}"
+        remedy = f"add pictures there and run it again: {progress.next}"
+        left = Counter(one.why for one in self.store.journal.of(self.step.name).left)
+        if left:
+            (why, count), *_ = left.most_common(1)
+            what += f"; {left.total()} left out, {count} of them because: {why}"
+            remedy = "mend that, or " + remedy
+        for one in progress.diagnoses:
+            if one.grave:
+                what, remedy = f"{what}; {one.words}", f"{one.remedy}; or {remedy}"
+        return Disconnected(what, where=self.source.name, remedy=remedy)
 
     def _pass_notes(self) -> None:
         for note in self.source.notes[self.noted :]:

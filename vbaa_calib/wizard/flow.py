@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import replace
 from functools import partial
@@ -20,7 +21,7 @@ from .capture import GO_ON, Capture
 from .questions import BOARD_ANSWERS, BY_KEY, OF_LENS_FILE, PICTURES, SOURCES, STEPS, Question, ReadingsTable
 from .session_state import SessionState
 from .steps import REPORT, RIG, STEP_BY_NAME, Advise, Report, Step, conclude
-from .store import Store
+from .store import NAME, Store
 from .ui import Interrupted, Ui
 
 _ASKED_AGAIN = {
@@ -277,12 +278,48 @@ def _source_text(store: Store, step: str) -> str:
     return inside if "://" not in text and os.path.isdir(inside) else text
 
 
-def _readings_table(store: Store, step: str) -> ReadingsTable:
-    """The table of readings taken beforehand: the named one, or the one in the pictures' folder."""
+def edited_tables(store: Store) -> list[tuple[str, bool]]:
+    """Tables of readings that may have been edited since the session's last answer: the step, and whether it is the
+    session's own table, which says the same as wizard.json unless it was; else one from which readings came."""
+    journal = store.root / NAME
+    stamp, found = journal.stat().st_mtime if journal.exists() else math.inf, list[tuple[str, bool]]()
+    for step in PICTURES:
+        path, own = _readings_path(store, step), store.root / store.folder(step) / f"{store.folder(step)}.csv"
+        if store.journal.of(step).taken and own.is_file():
+            found.append((step, True))
+        if store.journal.of(step).taken and path is not None and path.is_file() and path.stat().st_mtime > stamp:
+            found.append((step, False))
+    return found
+
+
+def reread(state: SessionState, ui: Ui, step: str, own: bool) -> None:
+    """Take over the readings of a step's pictures from its table, if that can be read."""
+    store, folder = state.store, state.store.folder(step)
+    try:
+        table = ReadingsTable.read(store.root / folder / f"{folder}.csv") if own else _readings_table(store, step)
+        for number, taken in enumerate(store.journal.of(step).taken):
+            row = table.of(Path(taken.file).name if own else taken.source, number)
+            if row is None:
+                continue
+            readings = state.readings(step, row, f"{table.where} {taken.source}")
+            if {**taken.readings, **readings} != taken.readings:
+                store.correct(step, number, readings)
+                ui.say(f"{taken.file}: its readings are now those of {table.where}")
+    except InputError as error:
+        ui.say(f"readings stay as they were: {error}")
+
+
+def _readings_path(store: Store, step: str) -> Path | None:
+    """The file with a step's readings, whether it is there or not; None where the answers hold them."""
     named = store.journal.answers.get(f"{step}_readings")
     if isinstance(named, list):
+        return None
+    return Path(str(named)) if named else Path(_source_text(store, step)) / f"{store.folder(step)}.csv"
+
+
+def _readings_table(store: Store, step: str) -> ReadingsTable:
+    """The table of readings taken beforehand: the named one, or the one in the pictures' folder."""
+    named, path = store.journal.answers.get(f"{step}_readings"), _readings_path(store, step)
+    if path is None:
         return ReadingsTable.written(named, f"{step}_readings")
-    if named:
-        return ReadingsTable.read(Path(str(named)))
-    table = Path(_source_text(store, step)) / f"{store.folder(step)}.csv"
-    return ReadingsTable.read(table) if os.path.isfile(table) else ReadingsTable()
+    return ReadingsTable.read(path) if named or path.is_file() else ReadingsTable()

@@ -301,6 +301,9 @@ class Store:
         again = again.model_copy(
             update={"steps": {**again.steps, step: _StepRecord(past=None if past is None else tuple(past))}}
         )
+        if step == "board":
+            # another one may fit the pictures that it was not found in
+            again = again.with_step("lens", left=())
         if record.taken:
             place = self._new_archive(step)
             write_json(place / "was.json", record.model_dump(mode="json"))

@@ -15,6 +15,7 @@ import numpy as np
 from targets.board import AprilGrid, Board, BoardSpec, Chessboard, CircleGrid, opencv_board
 from vbaa_calib.core.console import progress, say
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import sha256
 from vbaa_calib.core.images import list_images, picture_size, read_gray
 
 from .circles import circle_centres
@@ -291,7 +292,7 @@ def detect_folder(folder: Path, spec: Board) -> list[BoardView]:
 
 
 def detect_files(paths: Sequence[Path], spec: Board) -> list[BoardView]:
-    """The board in each picture; a few pictures of another size than the others are left out.
+    """The board in each picture; a few pictures of another size than the others, and copies of one, are left out.
 
     Raises InputError for damaged pictures, for pictures of different sizes, and for a board spec that does not fit the
     pictures (kind of board, dictionary, ids, legacy pattern, number of squares, size of markers), with the causes and
@@ -300,16 +301,21 @@ def detect_files(paths: Sequence[Path], spec: Board) -> list[BoardView]:
     sizes = [picture_size(path) for path in paths]
     usual = _one_size(paths, sizes)
     searched = [path for path, size in zip(paths, sizes, strict=True) if size == usual]
+    firsts = dict[str, str]()
+    same = [firsts.setdefault(sha256(path), Path(path).name) for path in paths]
     refuse_wrong_spec(searched, None, spec, _found_corners)
 
-    def view(path: Path, size: tuple[int, int]) -> BoardView:
+    def view(path: Path, size: tuple[int, int], first: str) -> BoardView:
+        name = Path(path).name
+        left_out = f"it is the same picture as {first}" if first != name else ""
         if size != usual:
             left_out = f"it is {_in_px(size)}, the others are {_in_px(usual)}"
-            return BoardView(Path(path).name, np.zeros(0, int), np.zeros((0, 2)), usual, left_out=left_out)
-        return detect_corners(read_gray(path), spec, Path(path).name)
+        if left_out:
+            return BoardView(name, np.zeros(0, int), np.zeros((0, 2)), usual, left_out=left_out)
+        return detect_corners(read_gray(path), spec, name)
 
     with ThreadPoolExecutor(DetectionSettings.workers) as pool:
-        views = list(progress(pool.map(view, paths, sizes), "detecting the board", len(paths)))
+        views = list(progress(pool.map(view, paths, sizes, same), "detecting the board", len(paths)))
     if isinstance(spec, Chessboard):
         views = _with_parts(views, paths, spec)
     refuse_wrong_spec(searched, [one for one in views if not one.left_out], spec, _found_corners)
