@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import SUFFIXES, as_levels, list_images, read_gray
 
 GRAY = np.random.default_rng(0).integers(0, 256, (120, 160), np.uint8)

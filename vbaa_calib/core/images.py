@@ -17,7 +17,21 @@ from .errors import InputError
 from .files import most_memory, read_bytes
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
-_OTHERS = (".heic", ".heif", ".avif", ".webp", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".raw")
+OTHER_KINDS = (
+    ".heic",
+    ".heif",
+    ".avif",
+    ".webp",
+    ".dng",
+    ".cr2",
+    ".cr3",
+    ".nef",
+    ".arw",
+    ".raf",
+    ".rw2",
+    ".orf",
+    ".raw",
+)
 CONVERT = f"save them as {', '.join(SUFFIXES)}, in full size; phones can be set to JPEG (Most Compatible)"
 _MOST_PIXELS = 200_000_000
 _PNG, _JPEG, _BMP = b"\x89PNG\r\n\x1a\n", b"\xff\xd8", b"BM"
@@ -40,19 +54,21 @@ def list_images(folder: Path) -> list[Path]:
     except OSError as error:
         raise InputError(f"cannot be read ({error})", where=folder, remedy="check its permissions") from None
     images = [path for path in entries if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")]
-    if others := other_kinds([path.name for path in entries]):
+    if others := _other_kinds([path.name for path in entries]):
         raise InputError(others, where=folder, remedy=CONVERT)
     if not images:
         raise InputError("holds no pictures", where=folder, remedy=f"put {', '.join(SUFFIXES)} files into it")
     return images
 
 
-def other_kinds(names: Iterable[str]) -> str:
-    """What is to be said of the names of pictures that are not read, of phones and in raw formats; "" without any.
+def _other_kinds(names: Iterable[str]) -> str:
+    """How many pictures are of kinds that are not read, of phones and raw ones, in words; "" without any.
     One next to a picture of the same name that is read does not count."""
     paths = [Path(name) for name in names if not name.startswith(".")]
     read = {path.stem for path in paths if path.suffix.lower() in SUFFIXES}
-    others = Counter(path.suffix.lower() for path in paths if path.suffix.lower() in _OTHERS and path.stem not in read)
+    others = Counter(
+        path.suffix.lower() for path in paths if path.suffix.lower() in OTHER_KINDS and path.stem not in read
+    )
     return " and ".join(f"{count} pictures are {suffix}" for suffix, count in others.items())
 
 

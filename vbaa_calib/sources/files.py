@@ -19,7 +19,7 @@ import numpy as np
 from vbaa_calib.convert.child import read_in_child, read_video_head
 from vbaa_calib.core.errors import Disconnected, InputError, one_line, reason_of
 from vbaa_calib.core.files import most_memory, require_file
-from vbaa_calib.core.images import CONVERT, SUFFIXES, other_kinds, read_gray
+from vbaa_calib.core.images import CONVERT, OTHER_KINDS, SUFFIXES, list_images, read_gray
 
 
 @dataclass(frozen=True)
@@ -135,12 +135,8 @@ class FolderSource:
         self._watched: dict[str, _Watched] = {}
         self._ready: list[str] = []
         names = self._names(InputError)
-        if others := other_kinds(os.listdir(folder)):
-            if not wait:
-                raise InputError(others, where=self.name, remedy=CONVERT)
-            self.notes += (f"{others}: {CONVERT}",)
-        if not names and not wait:
-            raise InputError("holds no pictures", where=self.name, remedy=f"put {', '.join(SUFFIXES)} files into it")
+        if not wait:
+            list_images(folder)
         self._start_s = self._scanned_s = time.monotonic()
         for name in filter(self._is_new, names):
             if (state := self._state(name)) is not None:
@@ -249,6 +245,9 @@ class FolderSource:
 
     def _is_picture(self, name: str) -> bool:
         stem, suffix = os.path.splitext(name)
+        if suffix.lower() in OTHER_KINDS and name not in self._given:
+            self._given.add(name)
+            self.notes += (f"{printable(name)}: is not read; {CONVERT}",)
         if suffix.lower() not in SUFFIXES:
             return False
         unfinished = (".part", ".partial", ".tmp", ".temp", ".crdownload", ".download", ".filepart", ".swp")

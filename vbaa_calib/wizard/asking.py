@@ -249,14 +249,6 @@ def _make_board(store: Store, answers: Mapping[str, Any]) -> dict[str, Any]:
     return {"measure_x_mm": layout.ruler_x, "measure_y_mm": layout.ruler_y}
 
 
-def board_edited(store: Store) -> bool:
-    """Whether the board's own file describes another board than when it was named. Raises InputError as it is read."""
-    named = Path(str(store.journal.answers.get("board", "")))
-    if store.journal.answers.get("board_given") or not named.is_file():
-        return False
-    return load_board(named) != load_board(store.root / BOARD)
-
-
 def absolute(folder: Path, text: str) -> str:
     """The absolute path of a file in `folder`; any other text as it is."""
     path = os.path.abspath(folder / text)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from dataclasses import replace
 from functools import partial
@@ -21,7 +20,7 @@ from .capture import GO_ON, Capture
 from .questions import BOARD_ANSWERS, BY_KEY, OF_LENS_FILE, PICTURES, SOURCES, STEPS, Question, ReadingsTable
 from .session_state import SessionState
 from .steps import REPORT, RIG, STEP_BY_NAME, Advise, Report, Step, conclude
-from .store import NAME, Store
+from .store import Store
 from .ui import Interrupted, Ui
 
 _ASKED_AGAIN = {
@@ -38,6 +37,7 @@ def walk(state: SessionState, ui: Ui, report: Report, advise: Advise | None = No
     Raises Interrupted("quit") where the person stops, InputError, SolveError.
     """
     at, store = 0, state.store
+    _reread(state, ui)
     ui.change = partial(change, state, ui)
     back = Question(
         "go_back",
@@ -278,33 +278,29 @@ def _source_text(store: Store, step: str) -> str:
     return inside if "://" not in text and os.path.isdir(inside) else text
 
 
-def edited_tables(store: Store) -> list[tuple[str, bool]]:
-    """Tables of readings that may have been edited since the session's last answer: the step, and whether it is the
-    session's own table, which says the same as wizard.json unless it was; else one from which readings came."""
-    journal = store.root / NAME
-    stamp, found = journal.stat().st_mtime if journal.exists() else math.inf, list[tuple[str, bool]]()
+def _reread(state: SessionState, ui: Ui) -> None:
+    """Take over the readings in tables that were edited since the session's last answer: those next to the pictures,
+    and the session's own, which otherwise repeat what wizard.json has."""
+    store = state.store
     for step in PICTURES:
-        path, own = _readings_path(store, step), store.root / store.folder(step) / f"{store.folder(step)}.csv"
-        if store.journal.of(step).taken and own.is_file():
-            found.append((step, True))
-        if store.journal.of(step).taken and path is not None and path.is_file() and path.stat().st_mtime > stamp:
-            found.append((step, False))
-    return found
+        folder, source = store.folder(step), _readings_path(store, step)
+        own = store.root / folder / f"{folder}.csv"
+        for path in (own, source):
+            if path is not None and path.is_file() and (path == own or path.stat().st_mtime > store.begun_s):
+                _take_over(state, ui, step, path, path == own)
 
 
-def reread(state: SessionState, ui: Ui, step: str, own: bool) -> None:
-    """Take over the readings of a step's pictures from its table, if that can be read."""
-    store, folder = state.store, state.store.folder(step)
+def _take_over(state: SessionState, ui: Ui, step: str, path: Path, own: bool) -> None:
+    """The readings of a step's pictures from a table, by their names in the session (own) or at the source."""
+    store = state.store
     try:
-        table = ReadingsTable.read(store.root / folder / f"{folder}.csv") if own else _readings_table(store, step)
+        table = ReadingsTable.read(path)
         for number, taken in enumerate(store.journal.of(step).taken):
             row = table.of(Path(taken.file).name if own else taken.source, number)
-            if row is None:
-                continue
-            readings = state.readings(step, row, f"{table.where} {taken.source}")
+            readings = {} if row is None else state.readings(step, row, f"{path} {taken.source}")
             if {**taken.readings, **readings} != taken.readings:
                 store.correct(step, number, readings)
-                ui.say(f"{taken.file}: its readings are now those of {table.where}")
+                ui.say(f"{taken.file}: its readings are now those of {path}")
     except InputError as error:
         ui.say(f"readings stay as they were: {error}")
 
@@ -321,5 +317,5 @@ def _readings_table(store: Store, step: str) -> ReadingsTable:
     """The table of readings taken beforehand: the named one, or the one in the pictures' folder."""
     named, path = store.journal.answers.get(f"{step}_readings"), _readings_path(store, step)
     if path is None:
-        return ReadingsTable.written(named, f"{step}_readings")
+        return ReadingsTable.written(named or (), f"{step}_readings")
     return ReadingsTable.read(path) if named or path.is_file() else ReadingsTable()

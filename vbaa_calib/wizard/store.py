@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import re
 import shutil
@@ -167,6 +168,8 @@ class Store:
     def __init__(self, root: Path) -> None:
         self.root = Path(root)
         self.journal = _Journal(answers={}, steps={})
+        self.begun_s = math.inf
+        """When wizard.json was written last before this session began."""
         self.retracted: dict[str, Any] = {}
         """Answers that were taken back, which become the defaults of their questions."""
 
@@ -189,6 +192,7 @@ class Store:
             undo.callback(self._lock.release)
             if not self.is_new:
                 self.journal = _Journal.read(self.root / NAME)
+                self.begun_s = (self.root / NAME).stat().st_mtime
             unfinished = r"\.(wizard|session|noload|loads|sweep|board|rig|camera|check|\d{4,})-[a-z0-9_]{8}\.\w+"
             for folder in (self.root, *(self.root / name for name in (*FOLDERS.values(), *WAYS.values()))):
                 for path in folder.iterdir() if folder.is_dir() else ():

@@ -125,8 +125,8 @@ def _walk(args: argparse.Namespace, store: Store, answers: dict[str, Any]) -> di
     from estimator.budget.budget import next_observations
     from vbaa_calib.calibrate.given_lens import read_lens
     from vbaa_calib.convert.values import Wanted
-    from vbaa_calib.wizard.asking import adopt, archive_unlisted, board_edited, check_together
-    from vbaa_calib.wizard.flow import edited_tables, redo, reread, walk
+    from vbaa_calib.wizard.asking import adopt, archive_unlisted, check_together
+    from vbaa_calib.wizard.flow import redo, walk
     from vbaa_calib.wizard.session_state import SessionState
     from vbaa_calib.wizard.steps import REPORT
     from vbaa_calib.wizard.ui import Interrupted, Ui
@@ -143,7 +143,6 @@ def _walk(args: argparse.Namespace, store: Store, answers: dict[str, Any]) -> di
         ui = Ui(Terminal(), *([page] if page else []), interactive=True)
     try:
         ui.greet(_greeting(store, args.session, url))
-        edited = edited_tables(store)
         adopt(store, ui)
         # first: a picture that was changed is unlisted from then on
         if lost := store.forget_lost():
@@ -153,7 +152,7 @@ def _walk(args: argparse.Namespace, store: Store, answers: dict[str, Any]) -> di
         before = store.journal.answers
         keys = ("board", "paper") if answers.get("board", before.get("board")) == "new" else ("board",)
         changed = {key for key, value in answers.items() if before.get(key) != value}
-        other_board = "measure_x_mm" in before and (not changed.isdisjoint(keys) or board_edited(store))
+        other_board = "measure_x_mm" in before and (not changed.isdisjoint(keys) or _board_edited(store))
         stale = BOARD_ANSWERS if other_board else ()
         known = {key: value for key, value in before.items() if key not in stale} | answers
         check_together(known)
@@ -165,10 +164,6 @@ def _walk(args: argparse.Namespace, store: Store, answers: dict[str, Any]) -> di
         for step in [*again, *(["board"] if other_board else []), *([args.redo] if args.redo else [])]:
             redo(store, ui, step, by_flag=step == args.redo)
         store.answer(answers)
-        for step, own in edited:
-            reread(state, ui, step, own)
-        if edited:
-            state.write_files()
         if args.reopen:
             store.close(args.reopen, "")
         try:
@@ -184,6 +179,17 @@ def _walk(args: argparse.Namespace, store: Store, answers: dict[str, Any]) -> di
         return _result(store, document) | ({} if complete else {"complete": False})
     finally:
         ui.close()
+
+
+def _board_edited(store: Store) -> bool:
+    """Whether the board's own file describes another board than when it was named. Raises InputError as it is read."""
+    from vbaa_calib.detect.board.board_file import load_board
+    from vbaa_calib.wizard.session_state import BOARD
+
+    named = Path(str(store.journal.answers.get("board", "")))
+    if store.journal.answers.get("board_given") or not named.is_file():
+        return False
+    return load_board(named) != load_board(store.root / BOARD)
 
 
 def _further_cameras(state: SessionState, ui: Ui) -> bool:
