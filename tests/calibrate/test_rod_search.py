@@ -97,6 +97,17 @@ def test_a_rod_that_another_crosses_is_found_between_its_ends() -> None:
     assert apart(search_rod(picture, np.array([2.0, 130.0]), line[-1]).line(), line) < 1.0
 
 
+def test_an_end_that_something_covers_is_no_tip_unless_it_is_known() -> None:
+    line = bow()
+    picture = painted([(line, 9.0, (230, 230, 230))])
+    u, v = line[-1].astype(int)
+    cv2.rectangle(picture, (u - 30, v - 5), (u + 30, v + 50), (30, 60, 90), -1)
+    search = search_rod(picture)
+    assert apart(search.line(), line[line[:, 1] < v - 5]) < 1.0
+    assert not search.line().tip_inside
+    assert search.line(1).tip_inside
+
+
 def test_a_rod_of_two_colours_along_it_is_one_rod() -> None:
     line = bow()
     across = np.gradient(line, axis=0)[:, ::-1] * [-1.0, 1.0]

@@ -291,57 +291,19 @@ class _MeasuredRod:
     curve_px: np.ndarray
     width_px: float
     wander_px: float
-    inside: tuple[bool, bool]  # whether the rod ends within the picture, at its first and its last end
-    holder: tuple[float, float]  # log odds that something else than background is beyond either end
-    goes_on_px: np.ndarray | None  # an end beyond which something as wide and of its colour goes on
-    gap_px: np.ndarray | None  # the middle of a long piece without evidence
-    kink_px: np.ndarray | None  # where it turns more sharply than any rod
-    evidence: float  # log odds of a rod, against background between known ends, else against anything
+    free: tuple[bool, bool]  # whether its first and its last end is known, or in the picture with nothing beyond it
+    inside: tuple[bool, bool]  # whether these are in the picture
+    holder: tuple[float, float]  # log odds that something else than background is beyond them
+    evidence: float  # log odds of a rod, against anything else
     parts: dict[str, float]
 
     def is_good(self, settings: RodSettings) -> bool:
-        """Whether the line has no gap and so much evidence that no better one is expected."""
-        return self.gap_px is None and self.parts["mean"] > settings.good_mean and self.has_edges(settings)
+        """Whether the line has so much evidence that no better one is expected."""
+        return self.parts["mean"] > settings.good_mean and self.parts["edges"] > settings.good_edges
 
     def is_whole(self, settings: RodSettings) -> bool:
-        """Whether the line has no gap, and enough evidence for one that has both edges nearly everywhere."""
-        return self.gap_px is None and self.has_edges(settings) and self.parts["mean"] > settings.least_mean_clear
-
-    def is_clear(self, settings: RodSettings, known: bool) -> bool:
-        """Whether the line does not bend where nothing of it is seen, or hardly if it may go over to its shadow or to
-        another thing, as between ends that are not known: a rod that others cross goes straight on."""
-        _, shadow, turn = settings.clear
-        return self.parts["unseen_turn"] < (turn if known and self.parts["shadow"] < shadow else 0.5 * turn)
-
-    def has_edges(self, settings: RodSettings) -> bool:
-        """Whether nearly all its stations have both edges."""
-        return self.parts["edges"] > settings.good_edges
-
-    @property
-    def straight_mean(self) -> float:
-        """Mean evidence along the line, less half its winding and its bend where nothing of it is seen, as a path that
-        goes over to another line has both; and less how far its ends are off those that are known."""
-        return self.parts["mean"] - 0.5 * (self.parts["winding"] + self.parts["unseen_turn"]) - self.parts["off_clicks"]
-
-    @property
-    def may_be_shadow(self) -> bool:
-        """Whether most of the line has the background's hue at a lower brightness, as a shadow has."""
-        return self.parts["shadow"] > 0.5
-
-    @property
-    def may_be_rod(self) -> bool:
-        """Whether the line looks like no shadow and nowhere turns more sharply than a rod."""
-        return not self.may_be_shadow and self.kink_px is None
-
-    def covered_end_px(self, settings: RodSettings) -> np.ndarray | None:
-        """An end (2,) inside the picture that may be covered, by a shadow or a holder: it has the background's hue at
-        a lower brightness, or no end is before plain background; None without one."""
-        for name, end in (("first_shadow", 0), ("last_shadow", -1)):
-            if self.inside[end] and self.parts[name] > 0.5 and not self.may_be_shadow:
-                return self.curve_px[end]
-        ends = [(odds, end) for odds, end in zip(self.holder, (0, -1), strict=True) if self.inside[end]]
-        odds, end = min(ends, default=(-1.0, 0))
-        return self.curve_px[end] if odds > 2.0 * settings.clear_end else None
+        """Whether the line has enough evidence for one that has both edges nearly everywhere."""
+        return self.parts["mean"] > settings.whole_mean and self.parts["edges"] > settings.good_edges
 
     def contains(self, line: np.ndarray, share: float = 0.8) -> bool:
         """Whether at least a fraction `share` of a line's points (N, 2) lie in this rod."""
@@ -359,9 +321,6 @@ class _MeasuredRod:
             curve_px=at(self.curve_px),
             width_px=self.width_px * times,
             wander_px=self.wander_px * times,
-            goes_on_px=None if self.goes_on_px is None else at(self.goes_on_px),
-            gap_px=None if self.gap_px is None else at(self.gap_px),
-            kink_px=None if self.kink_px is None else at(self.kink_px),
         )
 
     def end_colours(self, planes: np.ndarray) -> np.ndarray:
@@ -380,8 +339,12 @@ def _fitted(
     first: np.ndarray | None,
     last: np.ndarray | None,
     settings: RodSettings,
+    means: Sequence[tuple[slice, float]] = (),
 ) -> _MeasuredRod | None:
-    """The centreline fitted along a path, between its known ends; None where it has no edges."""
+    """The centreline fitted along a path, between its known ends; None where it has no edges.
+
+    means : channels by which edges are found, and grey levels by which light changes along a surface; all by default.
+    """
     patch = _PhotoPatch.about(picture_planes, path, settings)
     known = first, last
     first, last = (None if each is None else patch.here(each) for each in known)
@@ -390,67 +353,65 @@ def _fitted(
         if end is not None:
             apart = np.hypot(*(coarse[::way] - end).T) > 1.5 * width
             rest = coarse[::way][int(np.argmax(apart)) :]
-            if _leads_to(rest, end, settings.sharp_widths[0] * width, settings.sharp_turn):
+            if _leads_to(rest, end, settings.sharp_widths * width, settings.sharp_turn):
                 coarse = np.concatenate([end[None], rest])[::way]
     course: _Course | None = None
-    most = 0.0
+    most, best = 0.0, (slice(None), 0.0)
     # highlights and shadows change light, hairs have the rod's colour: the channels are used that make edges parallel
-    for channels, light in ((slice(None), settings.light), (slice(None), 0.0), (slice(1), 0.0))[-len(patch.planes) :]:
+    every = ((slice(None), settings.light), (slice(None), 0.0), (slice(1), 0.0))[-len(patch.planes) :]
+    for channels, light in means or every:
         found = _course(patch, channels, coarse, width, (first, last), replace(settings, light=light))
         if found is None:
             continue
         parallel = found[-1] * min(1.0, arc_lengths(found[1])[-1] / arc_lengths(coarse)[-1])
         if parallel > most:
-            course, most = found, parallel
+            course, most, best = found, parallel, (channels, light)
         if parallel > settings.good_edges:
             break
     if course is None:
         return None
-    rod = _judged(patch, course, first is not None and last is not None, settings)
-    tolerance = settings.click_share * float(np.hypot(*patch.size)) + 0.5 * rod.width_px
-    off = [
-        float(np.hypot(*(end - at))) for end, at in zip(known, rod.curve_px[[0, -1]], strict=True) if end is not None
-    ]
-    missed = [each / tolerance for each in off if each > 0.5 * rod.width_px]  # nearer it is on the rod
-    rod.parts["off_clicks"] = settings.click_cost * float(np.sum(np.square(missed)))
-    away = np.minimum(rod.curve_px[[0, -1]], patch.size - 1.0 - rod.curve_px[[0, -1]]).min(axis=1)
-    longer = arc_lengths(rod.curve_px)[-1] > arc_lengths(path.path_px)[-1] + rod.width_px
-    if longer and any(
-        not in_it and room > 2.0 * rod.width_px + 5.0 for in_it, room in zip(rod.inside, away, strict=True)
-    ):
-        # it leaves the patch, not the picture
-        return _fitted(picture_planes, replace(path, path_px=rod.curve_px), *known, settings)
-    return rod
+    curve, wide, inside = patch.back(course[1]), course[3] / patch.scale, course[4]
+    away = np.minimum(curve[[0, -1]], patch.size - 1.0 - curve[[0, -1]]).min(axis=1)
+    leaves = any(not within and room > 2.0 * wide + 5.0 for within, room in zip(inside, away, strict=True))
+    if leaves and arc_lengths(curve)[-1] > arc_lengths(path.path_px)[-1] + wide:
+        # the patch, not the picture
+        more = replace(settings, patch_widths=2.0 * settings.patch_widths)
+        return _fitted(picture_planes, replace(path, path_px=curve), *known, more, [best])
+    return _judged(patch, course, known, settings)
 
 
-def _judged(patch: _PhotoPatch, course: _Course, known: bool, settings: RodSettings) -> _MeasuredRod:
-    """The line along a course with its evidence, between known ends or not."""
+def _judged(
+    patch: _PhotoPatch,
+    course: _Course,
+    ends: tuple[np.ndarray | None, np.ndarray | None],
+    settings: RodSettings,
+) -> _MeasuredRod:
+    """The line along a course with its evidence, between the picture's places where its ends are known to be."""
     points, curve, misses, width, inside, seen, edged = course
     planes, noise = patch.planes, patch.noise
     length, diagonal = float(arc_lengths(curve)[-1]), float(np.hypot(*patch.size)) * patch.scale
     cell = max(width, settings.correlation_share * diagonal)
-    there, parts = _along(planes, curve, width, cell, seen, settings)
-    parts |= {"edges": edged, "length_share": length / diagonal, "off_clicks": 0.0}
-    holder = _holders(planes, noise, curve, width, settings)
-    evidence = parts["ribbon"] if known else _rod_odds(parts, inside, holder, settings)
-    gap, kink, goes_on = (
-        _gap(curve, there, settings.longest_gap * max(cell / length, 0.02)),
-        _kink(curve, width, settings),
-        _goes_on(planes, noise, curve, width, inside, settings),
+    parts = _along(planes, curve, width, cell, seen, settings)
+    line, wide = patch.back(curve), width / patch.scale
+    tolerance = settings.click_share * float(np.hypot(*patch.size)) + 0.5 * wide
+    off = [float(np.hypot(*(end - at))) for end, at in zip(ends, line[[0, -1]], strict=True) if end is not None]
+    missed = [each / tolerance for each in off if each > 0.5 * wide]  # nearer it is on the rod
+    parts |= {"edges": edged, "length_share": length / diagonal, "off_clicks": float(np.sum(np.square(missed)))}
+    holder, goes_on = (0.0, 0.0), (False, False)
+    if len(off) < 2:
+        holder = _holders(planes, noise, curve, width, settings)
+        goes_on = _goes_on(planes, noise, curve, width, inside, settings)
+    # in a shadow, or as it becomes one: where the line does not look like a shadow all along
+    dim = [parts["shadow"] <= 0.5 and parts[name] > 0.5 for name in ("first_shadow", "last_shadow")]
+    covered = tuple(within and (on or dark) for within, on, dark in zip(inside, goes_on, dim, strict=True))
+    first, last = (
+        end is not None or (within and not hidden and held < 2.0 * settings.clear_end)
+        for end, within, hidden, held in zip(ends, inside, covered, holder, strict=True)
     )
-    return _MeasuredRod(
-        patch.back(points),
-        patch.back(curve),
-        width / patch.scale,
-        mad_std(misses) / patch.scale,
-        inside,
-        holder,
-        None if goes_on is None else patch.back(goes_on),
-        None if gap is None else patch.back(gap),
-        None if kink is None else patch.back(kink),
-        evidence,
-        parts,
-    )
+    loose = all(inside) and max(holder) < -settings.clear_end
+    evidence = _rod_odds(parts, len(off), any(covered), loose, settings)
+    wander = mad_std(misses) / patch.scale
+    return _MeasuredRod(patch.back(points), line, wide, wander, (first, last), inside, holder, evidence, parts)
 
 
 def _joined(planes: np.ndarray, one: _MeasuredRod, other: _MeasuredRod, settings: RodSettings) -> _MeasuredRod | None:
@@ -471,7 +432,8 @@ def _joined(planes: np.ndarray, one: _MeasuredRod, other: _MeasuredRod, settings
     patch = _PhotoPatch.about(planes, _RodPath(curve, room, 0.0), settings)
     curve, edged = patch.here(curve), min(one.parts["edges"], other.parts["edges"])
     seen = np.ones(len(curve), bool)
-    return _judged(patch, (curve, curve, np.zeros(1), room * patch.scale, one.inside, seen, edged), False, settings)
+    course = (curve, curve, np.zeros(1), room * patch.scale, one.inside, seen, edged)
+    return _judged(patch, course, (None, None), settings)
 
 
 def _leads_to(line: np.ndarray, end: np.ndarray, run: float, most_turn: float) -> bool:
@@ -525,7 +487,7 @@ def _course(
             [end[None]]
             if end is not None
             and np.hypot(*(points - end).T).min() > width
-            and _leads_to(points[::way], end, settings.sharp_widths[0] * width, 0.7 * settings.sharp_turn)
+            and _leads_to(points[::way], end, settings.sharp_widths * width, 0.7 * settings.sharp_turn)
             else []
             for end, way in zip(ends, (1, -1), strict=True)
         )
@@ -573,9 +535,9 @@ def _course(
 
 def _along(
     planes: np.ndarray, curve: np.ndarray, width: float, cell: float, seen: np.ndarray, settings: RodSettings
-) -> tuple[np.ndarray, dict[str, float]]:
-    """Mask (S,) of the stations along a curve with a ribbon (by the search's evidence in the straightened picture, or
-    by both edges); and the total evidence of log odds, shape and colours."""
+) -> dict[str, float]:
+    """Evidence along a curve that is measured: total and mean log odds of the search in the straightened picture, its
+    bends, and the colours of both sides."""
     fine = width / settings.level_width_px
     sigma = 0.4 * np.sqrt(max(fine**2 - 1.0, 0.0))
     soft = planes if sigma < 0.3 else np.stack([cv2.GaussianBlur(each, (0, 0), sigma) for each in planes])
@@ -612,16 +574,17 @@ def _along(
     along = max(1, round(2.0 * width / (length / len(curve))))
     tangent = uniform_filter1d(np.diff(curve, axis=0), along, axis=0, mode="nearest")
     angle = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
-    hidden = ~there[np.arange(len(angle)) * len(there) // len(angle)]
-    return there | ~inside, {
+    turns, hidden = np.abs(np.diff(angle)), ~there[np.arange(len(angle) - 1) * len(there) // len(angle)]
+    longest = np.diff(np.flatnonzero(np.concatenate([[True], there | ~inside, [True]]))).max() - 1
+    return {
         "ribbon": float(log.mean()) * length / cell,
         "mean": float(log.mean()),
-        "winding": max(0.0, float(np.abs(np.diff(angle)).sum() - 1.5 * np.ptp(angle)) - 1.0),
         "net": float(np.ptp(angle)),
         "shadow": float(np.mean(shadow)),
         "first_shadow": float(shadow[0]),
         "last_shadow": float(shadow[-1]),
-        "unseen_turn": float(np.abs(np.diff(angle))[hidden[: len(angle) - 1]].sum()),
+        "unseen_turn": float(turns[hidden].sum()),
+        "unseen": longest / len(there),
         **_against_sides(middle, sides, shading),
     }
 
@@ -653,14 +616,12 @@ def _goes_on(
     width: float,
     inside: tuple[bool, bool],
     settings: RodSettings,
-) -> np.ndarray | None:
-    """An end (2,) of a line beyond which, in some direction, a line of its colour and width continues; None without
-    one."""
-    size = np.array(planes.shape[:0:-1]) - 1.0
-    for order, within in ((slice(None, None, -1), inside[0]), (slice(None), inside[1])):
-        line = curve[order]
+) -> tuple[bool, bool]:
+    """Whether a line of the rod's colour and width continues in some direction beyond its first and its last end."""
+    size, found = np.array(planes.shape[:0:-1]) - 1.0, [False, False]
+    for end, line in enumerate((curve[::-1], curve)):
         near = line[-max(2, int(3.0 * width / max(arc_lengths(line[:2])[-1], 1e-9))) :]
-        if not within or len(near) < 4:
+        if not inside[end] or len(near) < 4:
             continue
         ahead = near[-1] - near[len(near) // 2]
         bearing = np.arctan2(ahead[1], ahead[0]) + np.linspace(-1.9, 1.9, 61)
@@ -679,54 +640,32 @@ def _goes_on(
         # over either side there, as light may change along it
         over = (seen[:, :, 1:2] - seen[:, :, [0, 2]]) @ difference / max(difference @ (rod - around), 1e-9)
         on_rod = within_picture & (over.min(axis=-1) > 0.5) & (over.max(axis=-1) < 1.6)
-        if (on_rod.sum(axis=0) > 0.8 * np.maximum(within_picture.sum(axis=0), 6)).any():
-            return line[-1]
-    return None
+        found[end] = bool((on_rod.sum(axis=0) > 0.8 * np.maximum(within_picture.sum(axis=0), 6)).any())
+    return found[0], found[1]
 
 
-def _rod_odds(
-    parts: dict[str, float], inside: tuple[bool, bool], holder: tuple[float, float], settings: RodSettings
-) -> float:
-    """Log odds that a line with unknown ends is a rod and not something else with two edges."""
+def _rod_odds(parts: dict[str, float], known: int, covered: bool, loose: bool, settings: RodSettings) -> float:
+    """Log odds that a line with so many `known` ends is a rod and not something else with two edges.
+
+    covered : whether an end is in a shadow, or the line goes on; loose : whether nothing is beyond either end.
+    """
+    bend, length, contrast = parts["net"], float(np.log(parts["length_share"])), max(parts["contrast"], 1.0)
+    free = (min(bend, settings.bent), max(0.0, bend - settings.most_bend), length) if known < 2 else (0.0, 0.0, 0.0)
     terms = (
+        1.0,
+        float(known),
         min(0.0, parts["mean"] - settings.usual_mean),
-        parts["edges"],
-        min(parts["net"], settings.bent),
-        parts["winding"],
+        min(1.0, float(np.log(contrast / settings.usual_contrast))),
         min(parts["sides"], 3.0),
         parts["shadow"],
-        float(all(inside) and max(holder) < -settings.clear_end),
-        float(not any(inside)),
-        float(np.log(max(parts["contrast"], 0.3))),
-        float(np.log(parts["length_share"])),
-        max(0.0, parts["net"] - settings.most_bend),
-        1.0,
+        min(float(np.sqrt(parts["unseen_turn"])), 1.5),
+        parts["unseen"] ** 2,
+        min(parts["off_clicks"], 1.0),
+        *free,
+        float(covered),
+        float(loose),
     )
     return sum(weight * term for weight, term in zip(settings.rod_odds, terms, strict=True))
-
-
-def _gap(curve: np.ndarray, there: np.ndarray, longest_gap: float) -> np.ndarray | None:
-    """The middle of the longest stretch without evidence, if it is longer than `longest_gap`; None otherwise."""
-    empty = np.append(np.append(0, ~there), 0)
-    starts, ends = np.flatnonzero(np.diff(empty) > 0), np.flatnonzero(np.diff(empty) < 0)
-    if len(starts) == 0:
-        return None
-    longest = int(np.argmax(ends - starts))
-    if ends[longest] - starts[longest] < longest_gap * len(there):
-        return None
-    return curve[int(0.5 * (starts[longest] + ends[longest]) / len(there) * (len(curve) - 1))]
-
-
-def _kink(curve: np.ndarray, width: float, settings: RodSettings) -> np.ndarray | None:
-    """The place (2,) on an evenly spaced curve where it turns the most, if that is more than a rod can; else None."""
-    widths, least = settings.sharp_widths
-    step = float(arc_lengths(curve)[-1]) / (len(curve) - 1)
-    run = min(max(2, round(max(widths * width, least) / step)), len(curve) - 2)
-    way = np.diff(curve, axis=0)
-    angle = uniform_filter1d(np.unwrap(np.arctan2(way[:, 1], way[:, 0])), max(1, run // 5), mode="nearest")
-    turns = np.abs(angle[run:] - angle[:-run])
-    most = int(np.argmax(turns))
-    return curve[most + run // 2] if turns[most] > settings.sharp_turn else None
 
 
 def _holders(
@@ -1038,9 +977,8 @@ class RodLine:
     curve_px: np.ndarray  # (M, 2) smooth line through them from clamp to tip, evenly spaced
     width_px: float  # median
     wander_px: float  # standard deviation of points about the curve
-    tip_inside: bool  # whether the rod ends within the picture
+    tip_inside: bool  # whether its tip is known, or in the picture with nothing beyond it
     centre_px: np.ndarray  # (2,) middle of the picture
-    evidence: float = 0.0  # log odds of a rod, against background between known ends, else against anything
     clamp_supposed: bool = False  # nothing but that it is higher tells which of both ends is clamped
 
     @property
@@ -1068,80 +1006,45 @@ class RodSearch:
             if not 1 <= candidate <= len(self.candidates):
                 what = f"there is no candidate {candidate}, only {len(self.candidates)}"
                 raise InputError(what, remedy="take a number of the picture with the candidates")
-            return self._directed(self.candidates[candidate - 1])
-        best = self.candidates[0] if self.candidates else None
-        known = (self.clamp is not None) + (self.tip is not None)
-        settings = self.settings
-        remedy = "check --clamp and --tip" if known == 2 else "give --clamp U,V and --tip U,V"
+            chosen = self.candidates[candidate - 1]
+            return self._directed(replace(chosen, free=chosen.inside))
+        odds = np.array([0.0, *(line.evidence for line in self.candidates)])
+        shares = np.exp(odds - odds.max())
+        shares /= shares.sum()  # the probabilities of no rod, and of each candidate
+        if shares[1:].max(initial=0.0) > self.settings.least_probability:
+            return self._directed(self.candidates[int(shares[1:].argmax())])
+        known = self.clamp is not None and self.tip is not None
+        remedy = "check --clamp and --tip" if known else "give --clamp U,V and --tip U,V"
         if self.candidates:
             remedy += ", or choose with --candidate N"
-        least = settings.least_evidence_known if known == 2 else settings.least_odds - known * settings.end_odds
-        if best is None or best.evidence < least or (known == 0 and best.parts["contrast"] < settings.least_contrast):
-            where = " between clamp and tip" if known == 2 else ""
-            raise InputError(f"no rod can be made out{where}: nothing stands out like one", remedy=remedy)
-        clear = best.is_clear(settings, known == 2)
-        whole = settings.least_mean if known == 2 else settings.usual_mean
-        if best.parts["mean"] < (settings.least_mean_clear if clear else whole):
-            raise InputError("no rod can be made out: the likeliest line is one only in parts", remedy=remedy)
-        unsure = best.may_be_shadow or best.parts["mean"] < settings.least_mean
-        if best.parts["off_clicks"] > settings.most_off_clicks[unsure]:
-            what = "the likeliest line passes by the clamp or the tip"
-            raise InputError(what, remedy="give --clamp and --tip on the rod's middle, or choose with --candidate N")
-        if best.kink_px is not None:
-            u, v = best.kink_px
-            what = f"the likeliest line turns near {u:.0f},{v:.0f} more sharply than a rod can"
-            raise InputError(what, remedy=remedy)
-        if best.gap_px is not None and not (clear and known == 2 and best.parts["edges"] > settings.clear[0]):
-            u, v = best.gap_px
-            what = f"the likeliest line is interrupted near {u:.0f},{v:.0f}"
-            raise InputError(what, remedy=f"clear what hides, touches or crosses it, {remedy}")
-        end = best.goes_on_px if best.goes_on_px is not None else best.covered_end_px(settings)
-        if known == 0 and end is not None:
-            u, v = end
-            what = f"the likeliest line cannot be followed near {u:.0f},{v:.0f}: it goes on there, or into a shadow"
-            raise InputError(what, remedy=remedy)
-        if known == 2:
-            least_mean = best.straight_mean - settings.alike
-            alike = [
-                line.straight_mean > least_mean
-                and not best.contains(line.curve_px)
-                and (best.may_be_shadow or line.may_be_rod)
-                for line in self.candidates
-            ]
-        else:
-            lead, least_lead = settings.rival_lead
-            least = min(max(settings.rival_odds, best.evidence - lead), best.evidence - least_lead)
-            alike = [line.evidence > least and (best.may_be_shadow or line.may_be_rod) for line in self.candidates]
-        rivals = [number for number, is_one in enumerate(alike[1:], start=2) if is_one]
-        if rivals:
-            numbers = ", ".join(map(str, range(1, rivals[-1]))) + f" and {rivals[-1]}"
-            what = f"{1 + len(rivals)} things in it may be the rod: candidates {numbers}"
-            raise InputError(what, remedy=remedy)
-        return self._directed(best)
+        likely = np.flatnonzero(shares[1:] > shares[0]) + 1
+        if len(likely) > 1:
+            numbers = ", ".join(map(str, likely[:-1])) + f" and {likely[-1]}"
+            raise InputError(f"{len(likely)} things in it may be the rod: candidates {numbers}", remedy=remedy)
+        where = " between clamp and tip" if known else ""
+        raise InputError(f"no rod can be made out{where}: nothing stands out like one", remedy=remedy)
 
     def _directed(self, found: _MeasuredRod) -> RodLine:
         """The line in the order from clamp to tip."""
-        inside, ends, supposed = found.inside, found.curve_px[[0, -1]], False
+        free, inside, ends, supposed = found.free, found.inside, found.curve_px[[0, -1]], False
         if self.clamp is not None or self.tip is not None:
             turned = False  # it was fitted from the clamp to the tip
+        elif free[0] != free[1]:
+            turned = free[0]
         elif inside[0] != inside[1]:
-            turned = inside[0]
-        elif not inside[0]:
-            turned = ends[0, 1] > ends[1, 1]  # it leaves the picture at both: a rod hangs down from its clamp
-        elif abs(found.holder[0] - found.holder[1]) > self.settings.least_holder_lead:
+            turned = inside[1]  # something holds it in the picture
+        elif all(inside) and abs(found.holder[0] - found.holder[1]) > self.settings.least_holder_lead:
             turned = found.holder[1] > found.holder[0]
         else:
-            turned, supposed = ends[0, 1] > ends[1, 1], True  # a rod hangs down from its clamp
+            turned, supposed = ends[0, 1] > ends[1, 1], all(inside)  # a rod hangs down from its clamp
         order = slice(None, None, -1) if turned else slice(None)
-        tip_inside = inside[0] if turned else inside[1]
         return RodLine(
             found.points_px[order],
             found.curve_px[order],
             found.width_px,
             found.wander_px,
-            tip_inside,
+            free[0] if turned else free[1],
             self.centre_px,
-            found.evidence,
             supposed,
         )
 
@@ -1178,19 +1081,18 @@ def search_rod(
             paths += _paths_at(at, (clamp, tip), settings, settings.most_cost_alone)
         paths.sort(key=lambda path: -path.evidence)
         found = _lines(planes, _grouped(paths, settings), [clamp, tip], settings)
-    if clamp is None or tip is None:
-        found.sort(key=lambda fit: -fit.evidence)
+    found.sort(key=lambda fit: -fit.evidence)
     return RodSearch(_different(found, settings), middle, clamp, tip, settings)
 
 
 def _between(planes: np.ndarray, clamp: np.ndarray, tip: np.ndarray, settings: RodSettings) -> list[_MeasuredRod]:
-    """Lines from clamp to tip, the likeliest first."""
+    """Lines from clamp to tip."""
     levels = _levels_of(planes, settings)
-    found = _ranked(_measured(planes, levels, (clamp, tip), settings), settings)
-    if found and not found[0].is_good(settings) and found[0].parts["mean"] > settings.coloured_mean:
+    found = _measured(planes, levels, (clamp, tip), settings)
+    best = max(found, key=lambda line: line.evidence, default=None)
+    if best is not None and not best.is_good(settings) and best.parts["mean"] > settings.coloured_mean:
         # of one colour, as at the ends
-        colours = found[0].end_colours(planes)
-        found = _ranked(found + _measured(planes, levels, (clamp, tip), settings, colours), settings)
+        found += _measured(planes, levels, (clamp, tip), settings, best.end_colours(planes))
     return found
 
 
@@ -1223,19 +1125,6 @@ def _measured(
     return found
 
 
-def _ranked(found: list[_MeasuredRod], settings: RodSettings) -> list[_MeasuredRod]:
-    """Lines in order of mean evidence less their winding, or of total evidence where that is about equal; shadows after
-    what may cast them."""
-    most = settings.most_off_clicks[0]
-    sound = [line for line in found if line.may_be_rod and line.is_whole(settings) and line.parts["off_clicks"] < most]
-    best = max((line.straight_mean for line in sound or found), default=0.0)
-
-    def order(line: _MeasuredRod) -> tuple[bool, bool, float]:
-        return bool(sound) and not line.may_be_rod, line.straight_mean < best - settings.alike, -line.evidence
-
-    return sorted(found, key=order)
-
-
 def _lines(
     planes: np.ndarray, groups: list[list[_RodPath]], ends: list[np.ndarray | None], settings: RodSettings
 ) -> list[_MeasuredRod]:
@@ -1256,7 +1145,7 @@ def _lines(
                 if gain <= settings.least_gain * group[0].evidence * (path.evidence < 0.9 * group[0].evidence):
                     continue
                 found.remove(likely)
-            likely, done = fit, fit.gap_px is None and 0.6 < fit.width_px / path.width_px < 1.7
+            likely, done = fit, fit.parts["mean"] > settings.whole_mean and 0.6 < fit.width_px / path.width_px < 1.7
             found.append(fit)
         # it may be a highlight, a stripe or an edge along a wider one
         if likely is not None and (likely.evidence > 0.0 or likely.parts["sides"] > settings.one_sided):

@@ -241,7 +241,8 @@ def solve_photo(lines: Sequence[RodLine], setting: PhotoSetting) -> PhotoStiffne
     Raises InputError where no bending is seen, or load and scale are impossible.
     """
     if not all(line.tip_inside for line in lines):
-        raise InputError("the rod's tip is not in the picture", remedy="photograph all of it, or say where: --tip U,V")
+        what = "the rod's tip is not seen: it is outside the picture, or something is next to it"
+        raise InputError(what, remedy="photograph all of it, or say where: --tip U,V")
     views = _views(lines, setting)
     linear = _fit_bending(views, _linear_law(views, setting.straight))
     laws, departures = _free_law(views)
