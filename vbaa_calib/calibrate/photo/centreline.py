@@ -290,7 +290,6 @@ class _MeasuredRod:
     points_px: np.ndarray
     curve_px: np.ndarray
     width_px: float
-    wander_px: float
     free: tuple[bool, bool]  # whether its first and its last end is known, or in the picture with nothing beyond it
     inside: tuple[bool, bool]  # whether these are in the picture
     holder: tuple[float, float]  # log odds that something else than background is beyond them
@@ -320,7 +319,6 @@ class _MeasuredRod:
             points_px=at(self.points_px),
             curve_px=at(self.curve_px),
             width_px=self.width_px * times,
-            wander_px=self.wander_px * times,
         )
 
     def end_colours(self, planes: np.ndarray) -> np.ndarray:
@@ -370,9 +368,9 @@ def _fitted(
             break
     if course is None:
         return None
-    curve, wide, inside = patch.back(course[1]), course[3] / patch.scale, course[4]
+    curve, wide, inside = patch.back(course[1]), course[2] / patch.scale, course[3]
     away = np.minimum(curve[[0, -1]], patch.size - 1.0 - curve[[0, -1]]).min(axis=1)
-    leaves = any(not within and room > 2.0 * wide + 5.0 for within, room in zip(inside, away, strict=True))
+    leaves = any(not within and room > wide + 10.0 for within, room in zip(inside, away, strict=True))
     if leaves and arc_lengths(curve)[-1] > arc_lengths(path.path_px)[-1] + wide:
         # the patch, not the picture
         more = replace(settings, patch_widths=2.0 * settings.patch_widths)
@@ -387,7 +385,7 @@ def _judged(
     settings: RodSettings,
 ) -> _MeasuredRod:
     """The line along a course with its evidence, between the picture's places where its ends are known to be."""
-    points, curve, misses, width, inside, seen, edged = course
+    points, curve, width, inside, seen, edged = course
     planes, noise = patch.planes, patch.noise
     length, diagonal = float(arc_lengths(curve)[-1]), float(np.hypot(*patch.size)) * patch.scale
     cell = max(width, settings.correlation_share * diagonal)
@@ -410,8 +408,7 @@ def _judged(
     )
     loose = all(inside) and max(holder) < -settings.clear_end
     evidence = _rod_odds(parts, len(off), any(covered), loose, settings)
-    wander = mad_std(misses) / patch.scale
-    return _MeasuredRod(patch.back(points), line, wide, wander, (first, last), inside, holder, evidence, parts)
+    return _MeasuredRod(patch.back(points), line, wide, (first, last), inside, holder, evidence, parts)
 
 
 def _joined(planes: np.ndarray, one: _MeasuredRod, other: _MeasuredRod, settings: RodSettings) -> _MeasuredRod | None:
@@ -432,7 +429,7 @@ def _joined(planes: np.ndarray, one: _MeasuredRod, other: _MeasuredRod, settings
     patch = _PhotoPatch.about(planes, _RodPath(curve, room, 0.0), settings)
     curve, edged = patch.here(curve), min(one.parts["edges"], other.parts["edges"])
     seen = np.ones(len(curve), bool)
-    course = (curve, curve, np.zeros(1), room * patch.scale, one.inside, seen, edged)
+    course = (curve, curve, room * patch.scale, one.inside, seen, edged)
     return _judged(patch, course, (None, None), settings)
 
 
@@ -444,7 +441,7 @@ def _leads_to(line: np.ndarray, end: np.ndarray, run: float, most_turn: float) -
     return float(ahead @ before) > np.cos(most_turn * min(1.0, apart / run)) * apart * float(np.hypot(*ahead))
 
 
-_Course = tuple[np.ndarray, np.ndarray, np.ndarray, float, tuple[bool, bool], np.ndarray, float]
+_Course = tuple[np.ndarray, np.ndarray, float, tuple[bool, bool], np.ndarray, float]
 
 
 def _course(
@@ -455,19 +452,17 @@ def _course(
     ends: tuple[np.ndarray | None, np.ndarray | None],
     settings: RodSettings,
 ) -> _Course | None:
-    """Points, their curve and distances from it, the width, whether the ends are inside, which stations have two edges
-    by some channels, and their share of what nothing hides; None where there are none. In pixels of the patch."""
+    """Points and their curve, the width, whether the ends are inside, which stations have two edges by some channels,
+    and their share of what nothing hides; None where there are none. In pixels of the patch."""
     planes, spread = patch.planes[channels], patch.spread[channels]
     first, last = ends
     if not arc_lengths(coarse)[-1] > width:
         return None
     curve = _smooth(coarse, np.ones(len(coarse)), max(width, settings.least_smoothing_px))
-    for _ in range(settings.centred_rounds):
-        middles = _centred(planes, spread, curve, width, settings)
-        if not arc_lengths(middles)[-1] > width:
-            return None  # wider than it is long
-        curve = _smooth(middles, np.ones(len(middles)), max(width, settings.least_smoothing_px))
-    points, misses, inside = np.zeros((0, 2)), np.zeros(0), (True, True)
+    middles = _centred(planes, spread, curve, width, settings)
+    if not arc_lengths(middles)[-1] > width:
+        return None  # wider than it is long
+    curve = _smooth(middles, np.ones(len(middles)), max(width, settings.least_smoothing_px))
     for round_ in range(settings.fit_rounds):
         points, width, _ = _edges(planes, spread, curve, width, settings, round_ > settings.fit_rounds - 3)
         if len(points) < settings.least_points:
@@ -477,11 +472,11 @@ def _course(
             settings.least_smoothing_px,
             settings.smoothing_share * arc_lengths(points)[-1],
         )
-        curve, misses = _robust(points, scale, width, 2.0 * width)
+        curve = _robust(points, scale, width, 2.0 * width)
         if not np.isfinite(curve).all() or arc_lengths(curve)[-1] > 1.5 * arc_lengths(coarse)[-1] + 8.0 * width:
             return None
 
-    def to_the_ends(beyond: float) -> tuple[np.ndarray, np.ndarray, tuple[bool, bool], float]:
+    def to_the_ends(beyond: float) -> tuple[np.ndarray, tuple[bool, bool], float]:
         # where nothing is measured next to a known end, it is the end that is known
         lead, trail = (
             [end[None]]
@@ -491,13 +486,11 @@ def _course(
             else []
             for end, way in zip(ends, (1, -1), strict=True)
         )
-        curve, misses = _robust(np.concatenate([*lead, points, *trail]), scale, width, beyond)
-        misses = misses[len(lead) : len(misses) - len(trail)]
-        curve, inside, hidden = _to_the_ends(patch, curve, width, ends, beyond, settings)
-        return curve, misses, inside, hidden
+        curve = _robust(np.concatenate([*lead, points, *trail]), scale, width, beyond)
+        return _to_the_ends(patch, curve, width, ends, beyond, settings)
 
     # points beyond the ends are no rod's, and would bend the line there
-    curve, misses, inside, hidden = to_the_ends(2.0 * width)
+    curve, inside, hidden = to_the_ends(2.0 * width)
     if len(curve) < 10:
         return None
     index, _ = offsets_from(curve, points)
@@ -505,7 +498,7 @@ def _course(
     points = points[kept | (np.hypot(*(points - curve[index]).T) < 0.5 * width)]
     if len(points) < settings.least_points:
         return None
-    curve, misses, inside, hidden = to_the_ends(2.0 * width)
+    curve, inside, hidden = to_the_ends(2.0 * width)
     if len(curve) < 10:
         return None
     ahead, *_ = to_the_ends((2.0 + settings.bridged_widths) * width)
@@ -517,7 +510,7 @@ def _course(
         points, width, _ = _edges(planes, spread, ahead, width, settings, False)
         if len(points) < settings.least_points:
             return None
-        curve, misses, inside, hidden = to_the_ends(2.0 * width)
+        curve, inside, hidden = to_the_ends(2.0 * width)
     if len(curve) < 10:
         return None
     length = float(arc_lengths(curve)[-1])
@@ -530,7 +523,7 @@ def _course(
     if seen.mean() < settings.least_edges or width < settings.least_width_px * patch.scale:
         return None
     hidden = min(hidden, settings.bridged_widths * width / length)
-    return points, curve, misses, width, inside, seen, min(1.0, float(seen.mean()) / (1.0 - hidden))
+    return points, curve, width, inside, seen, min(1.0, float(seen.mean()) / (1.0 - hidden))
 
 
 def _along(
@@ -846,10 +839,10 @@ def _smooth(points: np.ndarray, weights: np.ndarray, scale: float) -> np.ndarray
     return CubicSpline(middles, knots, bc_type="natural")(at)
 
 
-def _robust(points: np.ndarray, scale: float, width: float, beyond: float) -> tuple[np.ndarray, np.ndarray]:
-    """`_smooth` curve by IRLS, and the distances (N,) of points (N, 2) from it. It is extrapolated by `beyond` at
-    both ends with the curvature of its last three widths."""
-    weights, misses = np.ones(len(points)), np.zeros(len(points))
+def _robust(points: np.ndarray, scale: float, width: float, beyond: float) -> np.ndarray:
+    """`_smooth` curve through points (N, 2) by IRLS, extrapolated by `beyond` at both ends with the curvature of its
+    last three widths."""
+    weights = np.ones(len(points))
     along = arc_lengths(points)
     on = np.linspace(0.0, beyond, 21)[1:]
     curve = points
@@ -867,7 +860,7 @@ def _robust(points: np.ndarray, scale: float, width: float, beyond: float) -> tu
         off = misses / max(mad_std(misses), 0.02)
         # what is far off is something else's
         weights = huber_weights(off) if round_ < 2 else np.maximum(1.0 - (off / 5.0) ** 2, 0.0) ** 2 + 1e-3
-    return curve, misses
+    return curve
 
 
 def _to_the_ends(
@@ -976,7 +969,6 @@ class RodLine:
     points_px: np.ndarray  # (N, 2) measured middles of the rod, in order
     curve_px: np.ndarray  # (M, 2) smooth line through them from clamp to tip, evenly spaced
     width_px: float  # median
-    wander_px: float  # standard deviation of points about the curve
     tip_inside: bool  # whether its tip is known, or in the picture with nothing beyond it
     centre_px: np.ndarray  # (2,) middle of the picture
     clamp_supposed: bool = False  # nothing but that it is higher tells which of both ends is clamped
@@ -1042,7 +1034,6 @@ class RodSearch:
             found.points_px[order],
             found.curve_px[order],
             found.width_px,
-            found.wander_px,
             free[0] if turned else free[1],
             self.centre_px,
             supposed,

@@ -139,8 +139,6 @@ class RodSettings:
     """Chroma, over that next to it, from which a rod has a hue."""
     one_colour: float = 12.0
     """Length in widths over which the rod has one colour and width: what crosses it is shorter."""
-    centred_rounds: int = 1
-    """Rounds in which a coarse path is moved to where the rod's colour is."""
     fit_rounds: int = 5
     """Rounds in which edges are measured along the curve before."""
     smoothing_widths: float = 0.45
