@@ -139,6 +139,11 @@ class Outcome:
     estimate_words: str = ""
     refine_words: str = ""
 
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """Why something was refused, and what was found."""
+        return self.words * (self.calibrated > 1), self.verdict, self.estimate_words, self.refine_words
+
 
 def outcome(world: World, truth: Truth, folder: Path) -> Outcome:
     """Calibrate, estimate, refine; and estimate with the true rig."""

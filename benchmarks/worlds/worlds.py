@@ -6,16 +6,16 @@ A world again: `python -m benchmarks.worlds.session SEED NUMBER FOLDER`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from benchmarks.figures import AMBER, GREEN, GREY, label, panels
-from benchmarks.harness import Findings, Options, column, rms, table
+from benchmarks.harness import Findings, Options, column, rms, row_of, table
 from vbaa_calib.core.console import progress, say
 
 from .judge import CERTAIN, Judged, Outcome, outcome, together
@@ -24,6 +24,31 @@ from .session import write_session
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+def _value(judged: Judged | None, statistic: Callable[[Judged], Any]) -> float:
+    """Of the contacts of a recording, if there are any."""
+    return float(statistic(judged)) if judged is not None and len(judged.error_m) else np.nan
+
+
+def _held(judged: Judged) -> float:
+    return float((np.abs(judged.error_m) < CERTAIN * judged.std_m).mean())
+
+
+def _stated(judged: Judged) -> float:
+    return rms(judged.std_m)
+
+
+def _column(
+    name: str,
+    heading: str,
+    statistic: Callable[[Judged], Any],
+    spec: str = ".2f",
+    unit: float = 1e3,
+    scale: float = 1.0,
+) -> Any:
+    """A column: a statistic of the contacts with one of the rigs, of m in mm."""
+    return column(heading, spec, scale, lambda found: unit * _value(getattr(found, name), statistic))
 
 
 @dataclass(frozen=True)
@@ -47,74 +72,37 @@ class Row:
 
     world: int = column("world", "d")
     rig: str = column("rig")
-    calibrated: str = column("calibrated")
-    lens: str = column("lens")
+    calibrated: str = column("calibrated", of=lambda f: "refused" if f.pulls is None else f.verdict.partition(",")[0])
+    lens: str = column("lens", of=lambda f: f.lens)
     touched: int = column()
-    usable: float = column("usable %", ".0f", 100.0)
-    error_mm: float = column("error mm", ".2f")
-    stated_mm: float = column("stated", ".2f")
+    usable: float = column("usable %", ".0f", 100.0, lambda f: len(f.ours.error_m) / f.ours.touched if f.ours else 0.0)
+    error_mm: float = _column("ours", "error mm", lambda own: np.median(np.abs(own.error_m)))
+    stated_mm: float = _column("ours", "stated", lambda own: np.median(own.std_m))
     relative: float = column("% of L", ".2f", 100.0)
-    held: float = column("held %", ".0f", 100.0)
-    point_held: float = column("point %", ".0f", 100.0)
-    silent: int = column("silent", "d")
-    true_mm: float = column("true rig mm", ".2f")
-    true_held: float = column("held %", ".0f", 100.0)
-    alone_mm: float = column("alone mm", ".2f")
-    rms_mm: float = column("rms mm", ".2f")
-    refined_mm: float = column("refined", ".2f")
-    bound: float = column("bound", ".2f")
-    stiffness: float = column("EI σ", ".1f")
-    focal: float = column("f σ", ".1f")
-    pose: float = column("pose σ", ".1f")
-    shared_mm: float = column("shared mm", ".3f")
-    forecast_mm: float = column("forecast", ".3f")
-    followed_mm: float = column("followed", ".3f")
-    loads_out: int = column("loads out", "d")
-    words: str = column()
+    held: float = _column("ours", "held %", _held, ".0f", 1.0, 100.0)
+    point_held: float = _column("ours", "point %", lambda own: own.point_held / len(own.error_m), ".0f", 1.0, 100.0)
+    silent: int = column("silent", "d", of=lambda f: f.ours.silent if f.ours else 0)
+    true_mm: float = _column("true", "true rig mm", lambda own: np.median(np.abs(own.error_m)))
+    true_held: float = _column("true", "held %", _held, ".0f", 1.0, 100.0)
+    alone_mm: float = _column("alone", "alone mm", lambda own: rms(own.error_m))
+    rms_mm: float = _column("ours", "rms mm", lambda own: rms(own.error_m))
+    refined_mm: float = _column("refined", "refined", lambda own: rms(own.error_m))
+    bound: float = column("bound", ".2f", of=lambda f: _value(f.ours, _stated) / _value(f.refined, _stated))
+    stiffness: float = column("EI σ", ".1f", of=lambda f: (f.pulls or {}).get("stiffness", np.nan))
+    focal: float = column("f σ", ".1f", of=lambda f: (f.pulls or {}).get("focal", np.nan))
+    pose: float = column("pose σ", ".1f", of=lambda f: (f.pulls or {}).get("pose", np.nan))
+    shared_mm: float = column("shared mm", ".3f", of=lambda f: 1e3 * f.shared_m[0])
+    forecast_mm: float = column("forecast", ".3f", of=lambda f: 1e3 * f.shared_m[1])
+    followed_mm: float = column("followed", ".3f", of=lambda f: 1e3 * f.shared_m[2])
+    loads_out: int = column("loads out", "d", of=lambda f: f.loads_left_out)
+    words: str = column(of=lambda f: "; ".join(filter(None, f.sentences)))
 
 
 def row_of_world(world: World, found: Outcome) -> Row:
     """A world and what became of it."""
-    ours, true, pulls = found.ours, found.true, found.pulls or {}
-    words = (found.words if found.calibrated > 1 else "", found.verdict, found.estimate_words, found.refine_words)
-    return Row(
-        world=world.number,
-        rig=world.described,
-        calibrated="refused" if found.pulls is None else found.verdict.partition(",")[0],
-        lens=found.lens,
-        touched=sum(any(shot.push_N) for shot in world.contacts),
-        usable=len(ours.error_m) / ours.touched if ours else 0.0,
-        error_mm=1e3 * _median(ours.error_m if ours else None),
-        stated_mm=1e3 * _median(ours.std_m if ours else None),
-        relative=_median(ours.error_m if ours else None) / world.wire.length_m,
-        held=_held(ours),
-        point_held=ours.point_held / len(ours.error_m) if ours and len(ours.error_m) else np.nan,
-        silent=ours.silent if ours else 0,
-        true_mm=1e3 * _median(true.error_m if true else None),
-        true_held=_held(true),
-        alone_mm=1e3 * rms(found.alone.error_m) if found.alone else np.nan,
-        rms_mm=1e3 * rms(ours.error_m) if ours else np.nan,
-        refined_mm=1e3 * rms(found.refined.error_m) if found.refined else np.nan,
-        bound=rms(ours.std_m) / rms(found.refined.std_m) if ours and found.refined else np.nan,
-        stiffness=pulls.get("stiffness", np.nan),
-        focal=pulls.get("focal", np.nan),
-        pose=pulls.get("pose", np.nan),
-        shared_mm=1e3 * found.shared_m[0],
-        forecast_mm=1e3 * found.shared_m[1],
-        followed_mm=1e3 * found.shared_m[2],
-        loads_out=found.loads_left_out,
-        words="; ".join(filter(None, words)),
-    )
-
-
-def _median(values: np.ndarray | None) -> float:
-    return float(np.median(np.abs(values))) if values is not None and len(values) else np.nan
-
-
-def _held(judged: Judged | None) -> float:
-    if judged is None or not len(judged.error_m):
-        return np.nan
-    return float((np.abs(judged.error_m) < CERTAIN * judged.std_m).mean())
+    touched = sum(any(shot.push_N) for shot in world.contacts)
+    relative = _value(found.ours, lambda own: np.median(np.abs(own.error_m))) / world.wire.length_m
+    return row_of(Row, found, world=world.number, rig=world.described, touched=touched, relative=relative)
 
 
 def run(options: Options) -> list[tuple[Row, Outcome]]:
