@@ -365,7 +365,7 @@ class MotionCheck:
 
 
 def _rested(judged: tuple[Any, slice, np.ndarray]) -> Contacts:
-    """Contacts of a motion test, those which are judged."""
+    """The rows of contacts that a motion test has judged, with its results (B,)."""
     contacts, rows, shift = judged
     found: Contacts = contacts if rows == slice(0, len(contacts)) else contacts.picked(rows)
     return found.at_rest(shift)

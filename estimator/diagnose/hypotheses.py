@@ -98,7 +98,7 @@ def _joints(turn: np.ndarray, recorded: Recorded) -> Recorded | None:
 
 
 def _frozen(recorded: Recorded) -> Recorded | None:
-    """Hypothesis of frozen joint readings: the tilt that fits each frame best."""
+    """The recording with the tilt that fits each frame best, if both joint readings never change; None otherwise."""
     batch = recorded.batch
     if max(np.ptp(batch.pan_rad), np.ptp(batch.tilt_rad)) > 0.0:
         return None
