@@ -47,6 +47,7 @@ class TestTables:
             PLAIN,
             PLAIN.replace(",", ";"),
             PLAIN.replace(",", "\t"),
+            PLAIN.replace(",", ";").replace("1.5", "1,5"),
             "# made by hand\n\n# twice, at noon\n" + PLAIN.replace("b,", "# b was lost, once\nb,"),
             "sep=;\n" + PLAIN.replace(",", ";"),
             "\ufeff" + PLAIN,
@@ -60,6 +61,13 @@ class TestTables:
             ("b", 3.0, 4.0),
         ]
         assert [text.splitlines()[int(row["line"]) - 1][0] for row in rows] == ["a", "b"]
+
+    @pytest.mark.parametrize("row", ["c;1.234;5", "c;1.234,5;5", "c;1,2,3;5"])
+    def test_a_decimal_comma_is_no_guess(self, path: Path, row: str) -> None:
+        """Next to decimal points, or as one of several, it may stand between thousands."""
+        path.write_text(f"view;x_m;y_m\na;1,5;2\n{row}\n")
+        with pytest.raises(InputError, match="line 3"):
+            [number(each, "x_m", path) for each in read_csv(path, ("view", "x_m", "y_m"))]
 
 
 class TestYaml:

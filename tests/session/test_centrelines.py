@@ -64,6 +64,7 @@ CHANGES = {
     "ends of lines as old Macs had them": lambda whole: whole.replace("\n", "\r"),
     "a byte order mark": lambda whole: "\ufeff" + whole,
     "semicolons": lambda whole: whole.replace(",", ";"),
+    "decimal commas": lambda whole: whole.replace(",", ";").replace(".", ","),
     "tabs": lambda whole: whole.replace(",", "\t"),
     "comments": lambda whole: "# tracked, by hand\n" + whole.replace("\n7,", "\n# a new day\n7,"),
     "blank lines between": lambda whole: whole.replace("\n", "\n\n"),

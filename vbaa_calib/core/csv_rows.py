@@ -1,6 +1,7 @@
 """CSV tables: read as rows of text, a long one row by row, with the numbers in their cells; written from rows.
 
-Cells are separated by commas, semicolons or tabs, as in the header; lines that begin with # are comments.
+Cells are separated by commas, semicolons or tabs, as in the header; lines that begin with # are comments. Between
+semicolons numbers may have decimal commas, as spreadsheets write them where these are usual.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -26,6 +28,7 @@ _LONGEST = 1_000_000
 MOST_WHOLE = 2**53
 """Whole numbers below are exact as floats."""
 _BETWEEN = (",", ";", "\t")
+_DECIMAL = re.compile(r"[+-]?\d*([.,])\d+(?:[eE][+-]?\d+)?")
 
 
 def read_csv(
@@ -96,8 +99,15 @@ def _filled(path: Path) -> Iterator[tuple[int, list[str]]]:
                 line = len(begin) - 1
                 yield line, [cell.strip() for cell in next(csv.reader([header], delimiter=between))]
             reader = csv.reader(chain(begin, without_comments(_lines(stream))), strict=True, delimiter=between)
+            marks = set[str]()
             while (cells := next(reader, None)) is not None:
                 cells = [cell.strip() for cell in cells]
+                if between == ";":
+                    marks |= {found[1] for cell in cells if (found := _DECIMAL.fullmatch(cell))}
+                    if len(marks) > 1:
+                        raise csv.Error("numbers with decimal commas, and others with decimal points")
+                    if marks == {","}:
+                        cells = [cell.replace(",", ".") if _DECIMAL.fullmatch(cell) else cell for cell in cells]
                 if any(cells):
                     yield reader.line_num, cells
                 line, fresh = reader.line_num + 1, True  # where an error is, if one is
