@@ -144,6 +144,17 @@ def test_a_change_is_found_and_nothing_else_is_blamed(made: SimpleNamespace, tmp
         np.testing.assert_allclose(moved, MOVED, atol=1e-3)
 
 
+def test_a_camera_that_moved_is_found_where_everything_shares_errors(tmp_path: Path) -> None:
+    """Lens, pose, antenna and its end, as calibrations leave them: the new pose shares the lens's errors alone."""
+    document = rig_document(scene())
+    std = np.sqrt(np.diag(document["joint"]["covariance"]))
+    document["joint"]["covariance"] = (0.1 * np.diag(std**2) + 0.9 * np.outer(std, std)).tolist()
+    document["antenna"]["tip"] = {"offset_m": 0.0, "std_m": 3e-4, "covariance": (0.9 * 3e-4 * std).tolist()}
+    (tmp_path / "rig.json").write_text(json.dumps(document))
+    found = assess(tmp_path / "rig.json", month_later(with_camera_moved(scene(), MOVED), tmp_path / "month", MONTH))
+    assert answers(found)["camera_pose"] == "does not hold"
+
+
 def with_loads(session: Path, change: Callable[[int, dict[str, str]], dict[str, str]]) -> None:
     """Change cells of a session's loads.csv, by row."""
     path = session / "loads" / "loads.csv"

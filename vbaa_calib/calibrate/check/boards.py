@@ -250,12 +250,13 @@ def check_pose(
 
 
 def _with_jig_pose(rig: Rig, jig: PoseEstimate) -> Rig:
-    joint = rig.joint_covariance.copy()
-    shared = jig.lens_sensitivity @ joint[_LENS, _LENS]
-    joint[POSE], joint[:, POSE] = 0.0, 0.0
-    joint[POSE, POSE] = jig.covariance + shared @ jig.lens_sensitivity.T
-    joint[POSE, _LENS], joint[_LENS, POSE] = shared, shared.T
-    return replace(rig, T_antenna_camera=jig.T_antenna_camera, covariance=joint)
+    """The rig with the jig's pose, which shares the lens's errors, and through them what the antenna shares with it."""
+    whole, lens = rig.covariance_with_tip.copy(), slice(len(RIG_PARAMETERS), len(rig.covariance))
+    by_lens = jig.lens_sensitivity[:, : lens.stop - lens.start]  # none where the lens counts as exact
+    shared = by_lens @ whole[lens]
+    whole[POSE], whole[:, POSE] = shared, shared.T
+    whole[POSE, POSE] = jig.covariance + shared[:, lens] @ by_lens.T
+    return replace(rig, T_antenna_camera=jig.T_antenna_camera).with_covariance(whole)
 
 
 def _on_plane_m(rig: Rig, T_antenna_camera: Pose) -> float:
