@@ -88,6 +88,11 @@ class Batch(Rows):
     time_s: np.ndarray | None = None
     sigma_factor: float = 1.0
 
+    @property
+    def point_counts(self) -> np.ndarray:
+        """(B,) number of points of each frame."""
+        return np.asarray(np.isfinite(self.points_px[..., 0]).sum(axis=1))
+
     def weights(self, rig_arrays: RigArrays) -> np.ndarray | None:
         """(B, S) ratios of the sensors' noise to the readings' total standard deviation; None where there is noise
         alone."""
@@ -137,7 +142,7 @@ class Batch(Rows):
 
         points = together(lambda part: part.points_px)
         camera = np.tile(np.repeat(np.arange(len(parts)), wide), (count, 1))
-        seen = np.column_stack([np.isfinite(part.points_px[..., 0]).sum(axis=1) for part in parts])
+        seen = np.column_stack([part.point_counts for part in parts])
         if (seen < ContactSettings.fewest_points).any():
             points[np.take_along_axis(seen, camera, 1) < ContactSettings.fewest_points] = np.nan
         order = shape = None

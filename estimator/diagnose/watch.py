@@ -112,14 +112,13 @@ class RecordingWatch:
             about = {name: each[own] for name, each in columns.items()}
             table = contacts.table({name: about[name] for name in ("frame", "time_s", "pan_rad", "tilt_rad")})
             self.push_together(batch, contacts)
-            used = np.isfinite(batch.points_px[..., 0]).sum(axis=1)
-            overview.add_table(table, about, np.column_stack([batch.outside_points, used]))
+            overview.add_table(table, about, np.column_stack([batch.outside_points, batch.point_counts]))
             yield table
 
     def push_together(self, batch: Batch, contacts: Contacts) -> None:
         """Add the next frames of a recording by one camera, and their contacts."""
         every = np.column_stack([batch.readings_Nm, batch.pan_rad, batch.tilt_rad])
-        count = np.isfinite(batch.points_px[..., 0]).sum(axis=1)
+        count = batch.point_counts
         many, middle = count.tolist(), batch.sigma_px[np.arange(len(batch)), count // 2].tolist()
         pictured = zip(batch.points_px, many, middle, strict=True)
         lines = [(points[:own], std if own else math.nan) for points, own, std in pictured]
