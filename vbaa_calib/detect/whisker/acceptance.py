@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -18,27 +18,13 @@ from .corridor import LEAST_SHAPE_POINTS, Corridor
 from .settings import AcceptanceSettings, ProfileSettings, StretchSettings
 
 
-class Evidence(NamedTuple):
-    """Properties of a measured line in addition to its centreline.
+def accepted(line: Centreline, inside: float, root: float, changing: bool) -> Centreline:
+    """The centreline, with its verdict.
 
-    Attributes
-    ----------
-    inside, root : parts of the path that are in the picture, and of its beginning where the line is seen.
-    spread_px : median deviation of its points.
-    wander_px : rms distance of its points from a curve of low order.
+    inside, root : parts of its path that are in the picture, and of the path's beginning where the line is seen.
     changing : whether it may be here brighter, there darker.
     """
-
-    inside: float
-    root: float
-    spread_px: float
-    wander_px: float
-    changing: bool
-
-
-def accepted(line: Centreline, evidence: Evidence) -> Centreline:
-    """The centreline, with its verdict."""
-    return line.with_verdict(*(_doubt(line, evidence) or ("ok", "")))
+    return line.with_verdict(*(_doubt(line, max(inside, 1e-9), root, changing) or ("ok", "")))
 
 
 def best_of(lines: Sequence[Centreline], width_px: float, alike: float = AcceptanceSettings.other_line) -> Centreline:
@@ -89,9 +75,9 @@ def _mean_distance(polyline: np.ndarray, points: np.ndarray) -> float:
     return float(np.hypot(*(points - polyline[offsets_from(polyline, points)[0]]).T).mean())
 
 
-def _doubt(line: Centreline, look: Evidence) -> tuple[Verdict, str] | None:
+def _doubt(line: Centreline, inside: float, root: float, changing: bool) -> tuple[Verdict, str] | None:
     """The reason why a line is no antenna, or not enough of one; None where nothing contradicts it."""
-    seen, inside, breadth, changing = line.seen, max(look.inside, 1e-9), line.breadth, look.changing
+    seen, breadth = line.seen, line.breadth
     contrast, limits = line.amplitude / max(line.noise, 1e-9), AcceptanceSettings
     share = f"{100 * seen:.0f} % of its length seen"
     if seen < 0.05:
@@ -100,13 +86,10 @@ def _doubt(line: Centreline, look: Evidence) -> tuple[Verdict, str] | None:
         return "no_antenna", f"what could be the antenna is {breadth:.1f} times as broad as it should be ({share})"
     if contrast < limits.least_contrast:
         return "no_antenna", f"what could be the antenna hardly stands out from the noise ({share})"
-    most_px = np.hypot(limits.wander_px, limits.wander_sigma[changing] * look.spread_px)
-    if look.wander_px > most_px:
-        return "no_antenna", f"what could be the antenna is no smooth line ({share})"
     least = limits.least_seen_changing if changing else limits.least_seen
     if seen < least or (contrast <= limits.clear_contrast and seen / inside < limits.least_seen_inside):
         return "too_little", f"too little of the antenna to be sure of it ({share})"
-    if look.root < limits.least_root:
+    if root < limits.least_root:
         return "too_little", f"the part near the clamp is not seen ({share})"
     if breadth >= limits.broad and seen / inside < limits.least_seen_broad:
         return "too_little", f"a line {breadth:.1f} times as broad as the antenna, and too little of it ({share})"

@@ -16,7 +16,7 @@ from vbaa_calib.core.polyline import offsets_from
 from vbaa_calib.core.robust import MAD_SCALE
 from vbaa_calib.native import core
 
-from .acceptance import Evidence, accepted
+from .acceptance import accepted
 from .centreline import NOTHING, Centreline, too_short
 from .settings import ProfileSettings, RibbonSettings
 
@@ -86,10 +86,10 @@ def _measured(
     if evened is not None and (again := core.profile.measured(evened, path_px, *how, shapes)) is not None:
         found, line = again, Centreline(**again[0])
         more = np.full(len(line.points_px), np.median(more))
-    line = accepted(replace(line, row_px=more), Evidence(**found[1]))
-    if not (line.found and found[2] > 0.0):
+    line = accepted(replace(line, row_px=more), *found[1:4])
+    if not (line.found and found[4] > 0.0):
         return line
-    return _between(image if evened is None else evened, line, width_px, found[2])
+    return _between(image if evened is None else evened, line, width_px, found[4])
 
 
 def _between(image: np.ndarray, line: Centreline, width_px: float, pulled_px: float) -> Centreline:
@@ -117,7 +117,7 @@ def measure_ribbon(
         return NOTHING
     line = Centreline(**found[0])
     more, _ = _row_errors(picture, line.points_px, line.sigma_px, line.noise, half)
-    return accepted(replace(line, row_px=more), Evidence(**found[1]))
+    return accepted(replace(line, row_px=more), *found[1:4])
 
 
 def measure_between(picture: np.ndarray, line: Centreline, width_px: float) -> Centreline:

@@ -104,10 +104,6 @@ class AcceptanceSettings:
     narrow: float = 0.3  # least
     broad: float = 1.8  # from here it may be out of focus, or a soft edge: more must be seen of it
     least_seen_broad: float = 0.85  # fraction of such a line
-    # its course
-    wander_px: float = 0.25  # rms distance of the points from a curve as smooth as an antenna's: pixels, and,
-    wander_sigma: tuple[float, float] = (1.35, 2.7)  # added in square, standard deviations; of a changing line more of
-    # these: neighbours share their errors there
     # another line
     other_line: float = 0.7  # how likely it is, over the first one, from which the picture is ambiguous
     other_changing: float = 0.85  # the same of lines whose polarity may change

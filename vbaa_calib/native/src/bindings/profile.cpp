@@ -16,7 +16,7 @@ void require_pixels(double width_px, double blur_px, int reach_px) {
             "width, blur and reach are 0 to 1000 px");
 }
 
-// Fields of a Centreline but for the verdict, of acceptance.Evidence, and how lopsided the line is.
+// Fields of a Centreline but for the verdict, what else `acceptance.accepted` needs, and how lopsided the line is.
 nb::object answer(detect::MeasuredLine&& found) {
     const auto& line = found.line;
     auto& seen = found.evidence;
@@ -31,9 +31,7 @@ nb::object answer(detect::MeasuredLine&& found) {
              "visibility"_a = to_numpy(std::move(seen.visibility)),
              "end_px"_a = to_numpy(Array<double, 1>(ConstVector(end.place.data(), {2}))), "end_std_px"_a = end.std_px,
              "end"_a = kinds[static_cast<int>(end.kind)], "noise"_a = line.noise, "sure"_a = line.sure);
-    const nb::object evidence = dict("inside"_a = seen.inside, "root"_a = seen.root, "spread_px"_a = seen.spread_px,
-                                     "wander_px"_a = seen.wander_px, "changing"_a = line.changing);
-    return nb::make_tuple(centreline, evidence, found.lopsided_px);
+    return nb::make_tuple(centreline, seen.inside, seen.root, line.changing, found.lopsided_px);
 }
 
 nb::object measured(const InPicture& image, const InMatrix& path_px, double width_px, int half, double sign,

@@ -7,46 +7,7 @@ namespace vbaa::detect {
 
 namespace {
 
-constexpr double ROOT = 0.33;    // the beginning of the path, as a part of it: the antenna starts at the clamp
-constexpr int WANDER_ORDER = 6;  // order of the curve that the points are compared with
-
-using Orders = std::array<double, WANDER_ORDER + 1>;
-
-// Chebyshev polynomials at a place in [−1, 1].
-Orders chebyshev(double place) {
-    Orders values = {1.0, place};
-    for (int i = 2; i <= WANDER_ORDER; ++i) values[i] = 2.0 * place * values[i - 1] - values[i - 2];
-    return values;
-}
-
-// Compares the kept points (N, 2) with a curve of low order.
-void measure_wander(const Numbers& along, const Table& points, const Flags& kept, Evidence& found) {
-    const std::vector<int> chosen = places(kept);
-    const int orders = WANDER_ORDER + 1, count = static_cast<int>(chosen.size());
-    const double first = along[chosen.front()], last = along[chosen.back()];
-    const double middle = 0.5 * (first + last), half = std::max(0.5 * (last - first), 1e-6);
-    Table matrix(orders, orders), curve(orders, 2);
-    for (int i = 0; i < orders; ++i) matrix(i, i) = 1e-9 * count;
-    for (int n : chosen) {
-        const Orders powers = chebyshev((along[n] - middle) / half);
-        for (int i = 0; i < orders; ++i) {
-            for (int j = 0; j <= i; ++j) matrix(i, j) += powers[i] * powers[j];
-            for (int axis = 0; axis < 2; ++axis) curve(i, axis) += powers[i] * points(n, axis);
-        }
-    }
-    solve_definite(matrix, curve);
-    double squares = 0.0;
-    for (int n : chosen) {
-        const Orders powers = chebyshev((along[n] - middle) / half);
-        for (int axis = 0; axis < 2; ++axis) {
-            double off = points(n, axis);
-            for (int i = 0; i < orders; ++i) off -= powers[i] * curve(i, axis);
-            squares += off * off;
-        }
-    }
-    found.wander_px = std::sqrt(squares / count);
-}
-
+constexpr double ROOT = 0.33;  // the beginning of the path, as a part of it: the antenna starts at the clamp
 // Places behind the last one that is seen lie beyond it.
 Flags visibility_of(const Flags& kept, const Flags& inside) {
     Flags found = each(kept.size(), [&](int n) -> unsigned char {
@@ -92,8 +53,6 @@ Evidence evidence(const Crossings& found, const FittedLine& line) {
         root_seen += kept[n];
     evidence.root = static_cast<double>(root_seen) / root;
     evidence.height = median(selected(line.height, kept));
-    evidence.spread_px = median(selected(line.sigma_px, kept));
-    measure_wander(found.along, evidence.everywhere, kept, evidence);
     return evidence;
 }
 

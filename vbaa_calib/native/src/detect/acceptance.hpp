@@ -26,12 +26,11 @@ enum Visibility : unsigned char { SEEN, HIDDEN, OUTSIDE, BEYOND };
 
 // What a fitted line looks like; acceptance.py says what of it counts against the antenna.
 struct Evidence {
-    Table everywhere, guide;   // (N, 2) its points, seen or not, and the smooth course through them
-    Flags visibility;          // (N,) a `Visibility` each
-    double seen, inside;       // parts of the path where it is seen, and in the picture
-    double root;               // part of the path's beginning where it is seen
-    double height, spread_px;  // medians of its height, grey levels, and deviation
-    double wander_px;          // root mean square distance of its points from a curve of low order
+    Table everywhere, guide;  // (N, 2) its points, seen or not, and the smooth course through them
+    Flags visibility;         // (N,) a `Visibility` each
+    double seen, inside;      // parts of the path where it is seen, and in the picture
+    double root;              // part of the path's beginning where it is seen
+    double height;            // median, grey levels
 };
 
 // The kept points (N,) but for so many on either side of a gap, and without those that are too few between two gaps for

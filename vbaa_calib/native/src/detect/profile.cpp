@@ -257,14 +257,9 @@ void calibrate(const Crossings& found, const Lines& lines, const Numbers& edge, 
     double power = LIKELY_POINTS, informed = LIKELY_POINTS;
     for (int k = 0; k < count_kept; ++k) power += trusted[k] * square(off[k]) * freed, informed += trusted[k];
     const double overall = power / informed;
-    const Numbers excess = each(count_kept, [&](int k) { return trusted[k] * (square(off[k]) * freed - overall); });
-    const Numbers near = running_mean(excess, NEAR_POINTS, Beyond::end_value);
     Numbers calibrated = sigma;
-    for (int k = 0; k < count_kept; ++k) {
-        const double scale = std::sqrt(0.5 * (overall + std::max(overall + near[k], 0.0)));
-        calibrated[kept[k]] *= scale;
-        off[k] /= scale;
-    }
+    for (int k : kept) calibrated[k] *= std::sqrt(overall);
+    for (double& each : off) each /= std::sqrt(overall);
     const double factor = std::max(shared_factor(off, trusted), 1.0);
     line.effective_px = each(sigma.size(), [&](int n) {
         return std::sqrt(square(calibrated[n]) * factor + EDGE_RUN * square(edge[n]) +
