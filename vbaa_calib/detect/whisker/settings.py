@@ -55,7 +55,7 @@ class ProfileSettings:
     uneven: float = 0.4  # deviation of its pull along a lopsided line, over that, from which it is no light's
     # noise of whole rows, or columns, of pixels
     row_run: int = 12  # points of a line on one row, from which it matters: as long as other errors are shared
-    row_band: int = 64  # rows on either side of a line, in which what the pixels of a row share is measured
+    row_band: int = 32  # rows on either side of a line, in which what the pixels of a row share is measured
     row_pixels: int = 30  # next to a line, from which what a row's pixels share is taken off it
 
 

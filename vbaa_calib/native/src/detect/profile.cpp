@@ -9,7 +9,7 @@ constexpr double SEEN_RATIO = 4.5;  // least height over its standard deviation 
 constexpr double LEAST_CLEAN =
     0.3;                      // with fewer undisturbed, disturbed ones are kept, with the deviations they deserve
 constexpr int MARGIN_PX = 2;  // dropped on either side of a gap: they show part of what hides the antenna
-constexpr int TRAINING_PROFILES = 160;  // that the cross-section is learned from, about
+constexpr int TRAINING_PROFILES = 100;  // that the cross-section is learned from, about
 constexpr double ALIKE = 0.8;           // length of the mean phase on the pixel grid above which profiles lie alike
 constexpr double LOPSIDED = 0.012;      // difference of its sides, over its height, that is too much for a broad line
 constexpr double FLANKED_PX = 5.0;      // that is broader than this: its two edges are measured

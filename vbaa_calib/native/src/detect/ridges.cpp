@@ -75,14 +75,13 @@ std::array<Level, 256> saturating(const Level* flat, const PathTable& paths) {
     return found;
 }
 
-// Means of so many blocks of `right` numbers, each so many from the next; faster where both are known beforehand.
-template <int RIGHT, int EVERY, class Sum>
-void add_blocks(const Sum* sum, int right, int every, int count, float share, float* __restrict to) {
-    const int several = RIGHT ? RIGHT : right, step = EVERY ? EVERY : every;
+// Means of blocks of two by two numbers of two rows.
+template <class Sum, class T>
+void halve(const T* one, const T* other, int count, float* __restrict to) {
     for (int i = 0; i < count; ++i) {
-        Sum whole = {};
-        for (int k = 0; k < several; ++k) whole = static_cast<Sum>(whole + sum[(i * several + k) * step]);
-        to[i] = share * static_cast<float>(whole);
+        const Sum left = static_cast<Sum>(static_cast<Sum>(one[2 * i]) + static_cast<Sum>(other[2 * i]));
+        const Sum right = static_cast<Sum>(static_cast<Sum>(one[2 * i + 1]) + static_cast<Sum>(other[2 * i + 1]));
+        to[i] = 0.25F * static_cast<float>(static_cast<Sum>(left + right));
     }
 }
 
@@ -126,19 +125,22 @@ struct Reduced {
             const auto [first, last] = needed[v];
             const int all = (last - first) * right * channels;
             if (all <= 0) continue;
+            const auto from = [&](int r) { return &picture(v * down + r, first * right, 0); };
+            if (down == 2 && right == 2 && channels == 1) {
+                halve<Sum>(from(0), from(1), last - first, &means(0, v, first));
+                continue;
+            }
             Sum* const __restrict sum = sums.begin();
-            std::copy_n(&picture(v * down, first * right, 0), all, sum);
-            for (int r = 1; r < down; ++r) {
-                const T* const own = &picture(v * down + r, first * right, 0);
-                for (int i = 0; i < all; ++i) sum[i] = static_cast<Sum>(sum[i] + static_cast<Sum>(own[i]));
-            }
-            for (int c = 0; c < means.shape[0]; ++c) {
-                float* const to = &means(c, v, first);
-                if (right == 2 && channels == 1)
-                    add_blocks<2, 1>(sum, right, channels, last - first, share, to);
-                else
-                    add_blocks<0, 0>(sum + c, right, channels, last - first, share, to);
-            }
+            std::copy_n(from(0), all, sum);
+            for (int r = 1; r < down; ++r)
+                for (int i = 0; i < all; ++i) sum[i] = static_cast<Sum>(sum[i] + static_cast<Sum>(from(r)[i]));
+            for (int c = 0; c < means.shape[0]; ++c)
+                for (int i = 0; i < last - first; ++i) {
+                    Sum whole = {};
+                    for (int k = 0; k < right; ++k)
+                        whole = static_cast<Sum>(whole + sum[(i * right + k) * channels + c]);
+                    means(c, v, first + i) = share * static_cast<float>(whole);
+                }
         }
     }
 
