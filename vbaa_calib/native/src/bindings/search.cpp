@@ -7,7 +7,6 @@
 #include "detect/crossings.hpp"
 #include "detect/evidence.hpp"
 #include "detect/free_shape.hpp"
-#include "detect/path_refinement.hpp"
 #include "detect/path_search.hpp"
 #include "detect/ridges.hpp"
 #include "detect/shape_search.hpp"

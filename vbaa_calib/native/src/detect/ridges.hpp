@@ -42,4 +42,9 @@ Array<double, 1> path_scores(const Picture& picture, const PathTable& paths, boo
 // least this share of the best. Two are alike where most of their points lie within `apart_px`.
 std::vector<int> clearest_paths(ConstVector score, ConstCube paths_px, double apart_px, int count, double share);
 
+// (K, 2) along what is brighter (sign 1) or darker (−1) than both flanks, at most `reach_px` off a path; no points
+// where the path has no two columns.
+Array<double, 2> refine_path(const Picture& picture, ConstMatrix path_px, double width_px, double reach_px,
+                             double sign);
+
 }  // namespace vbaa::detect

@@ -3,7 +3,6 @@
 #include <cstring>
 
 #include "detect/ridges.hpp"
-#include "detect/shape_strip.hpp"
 #include "lanes.hpp"
 #include "polyline.hpp"
 #include "smooth.hpp"

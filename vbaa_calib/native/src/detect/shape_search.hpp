@@ -9,8 +9,7 @@
 #include <array>
 #include <vector>
 
-#include "detect/edge_model.hpp"
-#include "detect/picture.hpp"
+#include "detect/shape_strip.hpp"
 
 namespace vbaa::detect {
 
