@@ -267,3 +267,13 @@ def test_what_no_parameter_explains_widens_the_covariance() -> None:
         assert clean.scatter < 1.15
         assert np.all(np.diag(joint.covariance)[:17] > np.diag(clean.covariance)[:17])
     assert 0.3 < np.mean(found) < 2.5
+
+
+@pytest.mark.parametrize(("modulus", "density"), [(3.0, 1140.0), (60.0, 6450.0), (400.0, 9000.0)])
+def test_a_wrongly_stated_material_changes_neither_ei_nor_weight(modulus: float, density: float) -> None:
+    """A prior of 3 % on the weight would hold it: the noise is scaled by what the pictures miss the model by."""
+    rng = np.random.default_rng(3)
+    stated = replace(NOMINAL, youngs_modulus_Pa=1e9 * modulus, density_kg_m3=density)
+    joint = solve_antenna(SESSION, observed(TRUE, rng), prior(stated, CAMERA, jig_prior(start_pose(rng)).poses))
+    assert joint.kept.all()
+    assert (np.abs(errors(joint)) < 4.0 * np.sqrt(np.diag(joint.covariance)))[12:14].all()
