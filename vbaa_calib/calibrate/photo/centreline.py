@@ -401,12 +401,16 @@ def _judged(
         goes_on = _goes_on(planes, noise, curve, width, inside, settings)
     # in a shadow, or as it becomes one: where the line does not look like a shadow all along
     dim = [parts["shadow"] <= 0.5 and parts[name] > 0.5 for name in ("first_shadow", "last_shadow")]
-    covered = tuple(within and (on or dark) for within, on, dark in zip(inside, goes_on, dim, strict=True))
+    covered = [
+        end is None and within and (on or dark)
+        for end, within, on, dark in zip(ends, inside, goes_on, dim, strict=True)
+    ]
     first, last = (
         end is not None or (within and not hidden and held < 2.0 * settings.clear_end)
         for end, within, hidden, held in zip(ends, inside, covered, holder, strict=True)
     )
-    loose = all(inside) and max(holder) < -settings.clear_end
+    # from something beyond an end to nothing beyond either
+    loose = float(np.clip(2.0 - max(holder) / settings.clear_end, 0.0, 3.0)) / 3.0 if all(inside) and not off else 0.0
     evidence = _rod_odds(parts, len(off), any(covered), loose, settings)
     return _MeasuredRod(patch.back(points), line, wide, (first, last), inside, holder, evidence, parts)
 
@@ -637,13 +641,14 @@ def _goes_on(
     return found[0], found[1]
 
 
-def _rod_odds(parts: dict[str, float], known: int, covered: bool, loose: bool, settings: RodSettings) -> float:
+def _rod_odds(parts: dict[str, float], known: int, covered: bool, loose: float, settings: RodSettings) -> float:
     """Log odds that a line with so many `known` ends is a rod and not something else with two edges.
 
-    covered : whether an end is in a shadow, or the line goes on; loose : whether nothing is beyond either end.
+    covered : whether an end is in a shadow, or the line goes on; loose : to 1, where nothing is beyond either end.
     """
     bend, length, contrast = parts["net"], float(np.log(parts["length_share"])), max(parts["contrast"], 1.0)
-    free = (min(bend, settings.bent), max(0.0, bend - settings.most_bend), length) if known < 2 else (0.0, 0.0, 0.0)
+    edges = min(0.0, parts["edges"] - settings.good_edges)
+    shape = (edges, min(bend, settings.bent), max(0.0, bend - settings.most_bend), length)
     terms = (
         1.0,
         float(known),
@@ -654,9 +659,9 @@ def _rod_odds(parts: dict[str, float], known: int, covered: bool, loose: bool, s
         min(float(np.sqrt(parts["unseen_turn"])), 1.5),
         parts["unseen"] ** 2,
         min(parts["off_clicks"], 1.0),
-        *free,
+        *(shape if known < 2 else (0.0, 0.0, 0.0, 0.0)),
         float(covered),
-        float(loose),
+        loose,
     )
     return sum(weight * term for weight, term in zip(settings.rod_odds, terms, strict=True))
 

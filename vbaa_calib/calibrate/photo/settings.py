@@ -92,16 +92,16 @@ class RodSettings:
     good_edges: float = 0.9
     """Share of places with both edges above which nothing better is to be expected."""
     rod_odds: tuple[float, ...] = (
-        *(2.2, 1.28, 0.27, 0.51, -0.75, -2.1, -3.4, -60.0, -3.5),
-        *(4.2, -1.5, 2.2, -1.8, -1.8),
+        *(2.2, 0.95, 0.27, 0.51, -0.75, -2.1, -3.4, -60.0, -3.5),
+        *(4.0, 4.2, -1.5, 2.2, -1.8, -1.8),
     )
     """Log odds of a rod, for each: 1, known ends, mean evidence below `usual_mean`, log contrast over
     `usual_contrast` up to 1, difference of both sides over the contrast, share that may be shadow, square root of the
     bend in radians where nothing is seen, squared share of the longest piece without evidence (a quarter may be
-    anything), squared distance from clicks in tolerances; unless both ends are known: bend in radians up to `bent`,
-    that beyond `most_bend`, log length in diagonals, an end that may be covered, nothing beyond either end. By logistic
-    regression of the rod among a picture's lines and none, on half of 630 pictures (ends known in 370) and 90 without a
-    rod."""
+    anything), squared distance from clicks in tolerances; unless both ends are known: share of places with both edges
+    below `good_edges`, bend in radians up to `bent`, that beyond `most_bend`, log length in diagonals, an end that may
+    be covered, nothing beyond either end. From logistic regression of the rod among a picture's lines and none, on half
+    of 630 pictures (ends known in 370) and 90 without a rod."""
     usual_mean: float = 2.6
     """Mean evidence below which a line is less likely a rod."""
     usual_contrast: float = 18.0
@@ -115,7 +115,7 @@ class RodSettings:
     """Bend in radians beyond which more makes a rod less likely: a load turns a level one by a right angle at most."""
     clear_end: float = 2.0
     """Log odds from which there is something beyond an end, or nothing but background: those of either are 5 to 20."""
-    least_probability: float = 0.75
+    least_probability: float = 0.69
     """Probability from which a line is taken for the rod."""
     least_holder_lead: float = 6.0
     """Log odds by which something must be beyond one end rather than the other for that to be the clamp."""
