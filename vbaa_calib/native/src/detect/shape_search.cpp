@@ -18,7 +18,8 @@ constexpr double AROUND_PX = 10.0;  // of a path, that is visible next to its wi
 constexpr double AROUND_ROUGH_PX = 4.0;
 constexpr double TURN_RAD = 0.25;        // by which a shape's tip may be turned from the rough path's
 constexpr double NOISE_PLACES = 3000.0;  // at so many the noise is known to some hundredths
-constexpr double LEAST_CONTACT = 0.06, MOST_CONTACT = 1.9;  // parts of the length
+constexpr double FINE_TURN_RAD = 0.02, FINE_OFFSET_PX = 0.5, FINE_CLAMP_RAD = 0.005;  // steps about a shape
+constexpr double LEAST_CONTACT = 0.06, MOST_CONTACT = 1.9;                            // parts of the length
 
 using Point = std::array<double, 2>;
 using Bend = std::array<double, 4>;  // contact, turn of the tip (rad), offset (px) and turn (rad) at the clamp
@@ -318,19 +319,12 @@ Candidate best_near(const Search<T>& search, ConstMatrix rough) {
 // The same finer, about a shape.
 template <class T>
 ShapeFound refined(const Search<T>& search, Bend bend) {
-    struct Round {
-        double offset_px, clamp_rad, turn_rad;
-    };
-    constexpr std::array<Round, 2> rounds = {{{0.5, 0.005, 0.02}, {0.2, 0.002, 0.0075}}};
     constexpr std::array<double, 5> parts = {0.7, 0.85, 1.0, 1.15, 1.4};
     const double reach = 0.5 * search.family.width_px + AROUND_PX;
-    Strip strip;
-    for (const Round& round : rounds) {
-        strip = strip_along(search.picture, bent(search.axis, bend), reach, search.strips);
-        Tried tried = {{}, {4, bend[1], round.turn_rad}, {2, bend[2], round.offset_px}, {2, bend[3], round.clamp_rad}};
-        for (const double part : parts) tried.contacts.push_back(bounded(bend[0] * part, LEAST_CONTACT, MOST_CONTACT));
-        bend = best_of(search, Tabled(strip, 2, search.model.hidden), tried).bend;
-    }
+    const Strip strip = strip_along(search.picture, bent(search.axis, bend), reach, search.strips);
+    Tried tried = {{}, {4, bend[1], FINE_TURN_RAD}, {2, bend[2], FINE_OFFSET_PX}, {2, bend[3], FINE_CLAMP_RAD}};
+    for (const double part : parts) tried.contacts.push_back(bounded(bend[0] * part, LEAST_CONTACT, MOST_CONTACT));
+    bend = best_of(search, Tabled(strip, 2, search.model.hidden), tried).bend;
     ShapeFound found = {0.0, bend, bent(search.axis, bend), {}};
     found.odds = odds_along(strip, found.path_px, search.model.hidden);
     found.evidence = search.evidence(total(found.odds) / search.axis.count, bend);

@@ -7,7 +7,6 @@
 namespace vbaa::detect {
 namespace {
 
-constexpr double SMOOTHED_PX = 5.0;                 // how much of a strip along it is averaged
 constexpr double EDGE_GAP_PX = 0.4, EDGE_PX = 2.0;  // next to an edge, left out for the blur; and compared, beyond that
 constexpr double CORE = 0.35;                       // of the width, to either side of the middle: shows the colour
 constexpr double USUAL_QUANTILE = 0.35, USUAL_SQUARE = 0.2;  // of squares of normal numbers, for their deviation
@@ -24,7 +23,7 @@ struct Sizes {
     int gap, inner;           // of what is compared next to an edge
     int room, edges;          // first edge, and their number
     int wide, core, middles;  // from edge to middle; of what shows the colour; number of middles
-    int near, far;            // stations to either side that are averaged; over which the usual is
+    int far;                  // stations to either side over which the usual is averaged
 
     Sizes(ConstMatrix path, double width_px, double reach_px)
         : stations(path.shape[0]),
@@ -39,7 +38,6 @@ struct Sizes {
           middles(edges - 2 * wide) {
         const double along = stations > 1 ? arc_lengths(path)[stations - 1] / (stations - 1) : 0.0;
         const double step = std::max(along, 1e-6);
-        near = static_cast<int>(std::min(std::max(std::rint(0.5 * (SMOOTHED_PX / step - 1.0)), 0.0), 1.0 * stations));
         far = static_cast<int>(std::min(std::max(USUAL_PX / step, 1.0), 1.0 * stations));
     }
 };
@@ -110,25 +108,6 @@ void sample(const Colours<T>& picture, const Strip& strip, const Sizes& sizes, S
     }
 }
 
-// Means of each station and those near it.
-Samples averaged(const Samples& levels, int near) {
-    if (near == 0) return levels;
-    const auto [stations, channels, across] = levels.shape;
-    Samples means(stations, channels, across);
-    const int row = channels * across;
-    for (int s = 0; s < stations; ++s) {
-        const int from = std::max(s - near, 0), to = std::min(s + near, stations - 1);
-        float* const __restrict mean = means.row(s).data;
-        for (int t = from; t <= to; ++t) {
-            const float* const own = levels.row(t).data;
-            for (int i = 0; i < row; ++i) mean[i] += own[i];
-        }
-        const float share = 1.0f / static_cast<float>(to - from + 1);
-        for (int i = 0; i < row; ++i) mean[i] *= share;
-    }
-    return means;
-}
-
 // The number below which a share of squares lies, their bits are in their order.
 float quantile_of_squares(const float* squares, int count, double share) {
     const auto bits_of = [](float value) {
@@ -175,8 +154,8 @@ void edges_at(int station, const Samples& apart, const Table& usual, const Sizes
     for (int k = 0; k < channels; ++k) {
         double sum = 0.0;
         for (int t = from; t <= to; ++t) sum += usual(t, k);
-        const double own = square(model.noise[k]) / (2.0 * sizes.near + 1.0);
-        const double variance = std::max(std::max(sum / (to - from + 1), own), static_cast<double>(LEAST_VARIANCE));
+        const double variance =
+            std::max({sum / (to - from + 1), square(model.noise[k]), static_cast<double>(LEAST_VARIANCE)});
         const auto [rise, low] = edge_scale(model.edges, k, variance);
         const float* const off = apart.row(station).row(k).data;
         for (int e = 0; e < sizes.edges; ++e) edge[e] = std::max(edge[e], off[e] * off[e] * rise - low);
@@ -248,7 +227,6 @@ Strip strip_along(const Colours<T>& picture, ConstMatrix path, double reach_px, 
     Flags inside(stations * sizes.across);
     Table usual(stations, channels);
     sample(picture, strip, sizes, levels, inside);
-    levels = averaged(levels, sizes.near);
     compare(levels, sizes, apart, usual);
     std::vector<float> edge(sizes.edges);
     const float beyond = static_cast<float>(0.5 * model.edges.hidden);
