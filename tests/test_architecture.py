@@ -31,13 +31,13 @@ NATIVE = [path for kind in ("cpp", "hpp") for path in sorted((ROOT / "vbaa_calib
 CXX_CONSTANTS = re.compile(r"^(?:inline )?(?:constexpr|const) .*", re.MULTILINE)
 CXX_CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b(?=[^=;(,]*=)")
 MOST = {
-    "module constants": 781,
+    "module constants": 780,
     "class names used twice": 0,
     "classes": 420,
-    "public names": 1089,
+    "public names": 1088,
     "private words": 49,
     "type: ignore": 4,
-    "words on pages": 29939,
+    "words on pages": 29936,
 }
 """What there may be of each. A number only goes down: a change that needs fewer lowers it."""
 
