@@ -363,6 +363,7 @@ class OutlierSettings:
     jump_ratio: float = 5.0  # to the frame's usual difference of such medians: a wrong shape differs everywhere
     returns: float = 0.5  # part of a stretch's distance by which the line may lie elsewhere behind it than before
     scatter_frames: int = 32  # lines, spread over a recording, that determine its scatter to a few per cent
+    few_frames: int = 6  # of them, that decide whether the usual standard deviation may be too small
     fewest_lines: int = 5  # of which it can be told what they share
     scatter_points: int = 32  # a line with fewer is left out: smoothing takes too much of it
     intervals: int = 8  # of the smooth curve, a cubic spline: a touched antenna's third derivative jumps
@@ -442,16 +443,16 @@ def _about_curve(
     along, across = np.stack([first, [-first[1], first[0]]]) @ centred[near].T
     order = np.argsort(along, kind="stable")
     along, across, sigma = along[order], across[order], sigma[near][order]
-    weights = np.ones(len(along))
+    curve, weights = None, np.ones(len(along))
     for turn in range(settings.rounds):
-        intervals = min(settings.intervals, len(along) // settings.per_interval)
-        if len(along) < settings.scatter_points or not np.ptp(along) > 0.0:
-            return None
-        inner = np.quantile(along, np.linspace(0.0, 1.0, intervals + 1)[1:-1])
-        design, slopes = _cubic_spline(along, inner)
-        basis, triangle = np.linalg.qr(design * (weights / sigma)[:, None])
-        values = np.linalg.lstsq(triangle, basis.T @ (across * weights / sigma), rcond=None)[0]
-        off = (across - design @ values) / sigma / np.hypot(1.0, slopes @ values)
+        if curve is None:
+            curve = _smooth_curve(along, sigma, settings)
+            if curve is None:
+                return None
+        basis, slopes = curve
+        weighted = basis * weights[:, None] ** 2
+        values = np.linalg.solve(weighted.T @ basis, weighted.T @ (across / sigma))
+        off = (across / sigma - basis @ values) / np.hypot(1.0, slopes @ values)
         scatter = max(mad_std(off), 1e-9)
         if turn < settings.rounds - 2:
             # what lies far off counts less and less
@@ -459,6 +460,7 @@ def _about_curve(
         elif turn < settings.rounds - 1:
             left = np.abs(off) <= settings.gross_std * scatter
             along, across, sigma, weights = along[left], across[left], sigma[left], np.ones(left.sum())
+            curve = None
     lags = range(settings.lags + 1)
     taken = np.array([np.einsum("nk,nk->", basis[lag:], basis[: len(basis) - lag]) for lag in lags]) / len(off)
     return off, taken
@@ -486,13 +488,23 @@ def _apart(points_px: np.ndarray, neighbours: int) -> np.ndarray:
     return apart
 
 
-def _cubic_spline(along: np.ndarray, inner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(N, K + 4) basis of cubic splines with K inner knots at places (N,), and its derivatives."""
-    half = 0.5 * np.ptp(along)
-    at, knots = (along - along.mean()) / half, (inner - along.mean()) / half
-    beyond = np.maximum(at[:, None] - knots, 0.0)
-    powers, by_place = at[:, None] ** np.arange(4), np.arange(4) * at[:, None] ** np.maximum(np.arange(4) - 1, 0)
-    return np.hstack([powers, beyond**3]), np.hstack([by_place, 3.0 * beyond**2]) / half
+def _smooth_curve(
+    along: np.ndarray, sigma: np.ndarray, settings: OutlierSettings
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Orthonormal basis (N, K) of cubic splines over their standard deviations sigma (N,), with as many points, in
+    order along (N,), between any two knots, and its derivatives times sigma (N, K). None with too few points."""
+    count = len(along)
+    if count < settings.scatter_points or not np.ptp(along) > 0.0:
+        return None
+    intervals = min(settings.intervals, count // settings.per_interval)
+    inner = np.interp(np.linspace(0.0, count - 1.0, intervals + 1)[1:-1], np.arange(count), along)
+    half, middle = 0.5 * np.ptp(along), along.mean()
+    at, knots = (along - middle)[:, None] / half, (inner - middle) / half
+    beyond, square, one = np.maximum(at - knots, 0.0), at * at, np.ones_like(at)
+    values = np.hstack([one, at, square, square * at, beyond * beyond * beyond])
+    slopes = np.hstack([0.0 * one, one, 2.0 * at, 3.0 * square, 3.0 * beyond * beyond]) / half
+    basis, triangle = np.linalg.qr(values / sigma[:, None])
+    return basis, slopes @ np.linalg.pinv(triangle)
 
 
 def without_outliers(
@@ -660,7 +672,12 @@ def _absent_px(rig: Rig, lines_px: np.ndarray, sigma_px: Any) -> float:
     usual, settings = rig.image.noise_px, OutlierSettings()
     if sigma_px is not None:
         return usual
-    scatter = point_scatter(list(lines_px), list(np.ones(lines_px.shape[:2])))
+    own_px, lines = np.ones(lines_px.shape[:2]), list(lines_px)
+    few = replace(settings, scatter_frames=settings.few_frames)
+    # near the limit a few lines do not decide
+    if point_scatter(lines, list(own_px), few) < (1.0 + settings.tolerated) / 2 * usual:
+        return usual
+    scatter = point_scatter(lines, list(own_px), settings)
     return scatter if scatter > settings.tolerated * usual else usual
 
 
