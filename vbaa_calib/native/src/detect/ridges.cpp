@@ -125,7 +125,7 @@ struct Reduced {
         const float share = 1.0F / static_cast<float>(down * right);
         Array<Sum, 1> sums(Unset{}, picture.shape[1] * channels);
         for (int v = 0; v < height; ++v) {
-            const auto [first, last] = needed[v];
+            const int first = needed[v][0], last = needed[v][1];
             const int all = (last - first) * right * channels;
             if (all <= 0) continue;
             const auto from = [&](int r) { return &picture(v * down + r, first * right, 0); };
