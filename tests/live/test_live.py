@@ -27,6 +27,7 @@ from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.session import DRIFTS
 from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing
+from vbaa_calib.streams.messages import line_messages
 
 from ..small_scene import small_rig
 from .recordings import COUNT, RATE_HZ, frames, messages, rig, shown, write
@@ -180,6 +181,12 @@ def test_centrelines_of_ones_own_tracker(tmp_path: Path) -> None:
     assert (abs(contacts.distance_m - expected)[whole] < contacts.distance_std_m[whole]).all()
     assert verb("estimate", *words, "--force") == 0
     assert np.isnan(read_contacts(out).moment_residual_Nm).all()
+
+
+@pytest.mark.parametrize("entry", [{}, {"time_s": 1.0}, {"time_s": 1.0, "moment": 0.1, "tilt_deg": 3.0}])
+def test_a_line_of_other_names_is_not_lost_in_silence(entry: dict[str, float]) -> None:
+    with pytest.raises(InputError, match="nothing to read"):
+        list(line_messages(json.dumps(entry).encode(), Path()))
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])

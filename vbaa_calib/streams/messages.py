@@ -267,6 +267,9 @@ def line_messages(line: bytes, root: Path | None, arrived_s: float | None = None
     except (ValueError, AssertionError, RecursionError):
         remedy = '{"time_s": 1.5, "moment_Nm": 0.004}'
         raise InputError(f"{line[:40]!r} is no JSON object", remedy=f"write lines like {remedy}") from None
+    known = CHANNELS if root is None else ("image", *CHANNELS)
+    if entry.keys().isdisjoint(known):
+        raise InputError(f"{line[:40]!r} has nothing to read", remedy=f"name one of {', '.join(known)}")
     arrived_s, received_s = now_s() if arrived_s is None else arrived_s, perf_counter()
     time_s = _number(entry, "time_s", arrived_s)
     for channel in CHANNELS:
