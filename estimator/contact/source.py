@@ -257,8 +257,12 @@ def open_source(
 
 
 def _of_rig(session: Session, rig: Rig) -> Session:
-    """The session of the rig's first camera. Raises InputError where the two have different cameras."""
-    where = session.root / "session.yaml"
+    """The session of the rig's first camera. Raises InputError where the two have different cameras, or antennas of
+    different lengths."""
+    where, own_m, other_m = session.root / "session.yaml", rig.antenna.length_m, session.antenna.length_m
+    if not rig.antennas and abs(own_m - other_m) > 1e-3 * own_m:
+        what = f"antenna.length_m is {other_m:g}, the rig's {own_m:g}"
+        raise InputError(what, where=where, remedy="give the rig.json of this antenna, or calibrate it")
     if not session.cameras and rig.others:
         what = f"it names no cameras, the rig has {', '.join(rig.cameras)}"
         raise InputError(what, where=where, remedy="say whose its pictures are, as cameras: {left: {}, right: {}}")

@@ -189,6 +189,7 @@ SHOW, CONVERT = "view contacts.csv --object object", "convert camera.json --to k
 
 CASES: list[Case] = [
     *cases("session/session.yaml", CALIBRATE, SESSION),
+    *cases("session/session.yaml", ESTIMATE, (("another antenna", d.at("antenna.length_m", 0.26), "the rig's 0.24"),)),
     *cases("board.yaml", LENS, BOARD),
     *(Case(name, "board.yaml", damage, LENS, tuple(words)) for name, damage, *words in WITHOUT_IDS),
     *(Case(name, "board.yaml", what, LENS, ("intrinsics", *words)) for name, what, *words in WRONG_BOARD),
