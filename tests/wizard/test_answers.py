@@ -246,7 +246,7 @@ def named(state: SessionState) -> str:
 
 def test_right_answers_are_not_questioned(state: SessionState) -> None:
     assert named(state) == ""
-    assert antenna_diagnoses(state) == []
+    assert {one.severity for one in antenna_diagnoses(state)} <= {"note"}
     assert camera_place(state, state.plane().estimates[0].T_antenna_camera)[1] == []
 
 
@@ -291,4 +291,4 @@ def test_another_material_is_named_and_nothing_is_enough_before(state: SessionSt
     assert "more will not help" not in now.next
     assert change(state, Ui(), "material", MADE_OF)
     assert state.session.antenna == right
-    assert antenna_diagnoses(state) == []
+    assert {one.severity for one in antenna_diagnoses(state)} <= {"note"}
