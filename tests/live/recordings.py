@@ -45,10 +45,10 @@ def shown(count: int = COUNT) -> list[tuple[float, Frame]]:
     ]
 
 
-def messages() -> list[Taken | Reading]:
+def messages(count: int = COUNT) -> list[Taken | Reading]:
     """As they come, readings first."""
     several: list[Taken | Reading] = []
-    for time_s, frame in shown():
+    for time_s, frame in shown(count):
         for channel in ("moment_Nm", "pan_rad", "tilt_rad"):
             several.append(Reading(time_s, channel, getattr(frame, channel), time_s))
         assert frame.image is not None
