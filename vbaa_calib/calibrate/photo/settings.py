@@ -93,7 +93,7 @@ class RodSettings:
     """Share of places with both edges above which nothing better is to be expected."""
     rod_odds: tuple[float, ...] = (
         *(2.2, 0.95, 0.27, 0.51, -0.75, -2.1, -3.4, -60.0, -3.5),
-        *(4.0, 4.2, -1.5, 2.2, -1.8, -1.8),
+        *(4.0, 4.2, -2.5, 2.2, -1.8, -1.8),
     )
     """Log odds of a rod, for each: 1, known ends, mean evidence below `usual_mean`, log contrast over
     `usual_contrast` up to 1, difference of both sides over the contrast, share that may be shadow, square root of the
