@@ -336,7 +336,7 @@ def _rectified(points: np.ndarray, was: Recording, rng: np.random.Generator) -> 
 
 
 def _scaled(points: np.ndarray, was: Recording, rng: np.random.Generator) -> np.ndarray:
-    return points * rng.choice([0.5, 0.8, 0.9])
+    return (points + 0.5) * rng.choice([1 / 2, 2 / 3, 0.8, 0.9]) - 0.5
 
 
 def _other_wire(stiffness: float = 0.0, diameter: float = 0.0) -> Callable[[World, np.random.Generator], World]:

@@ -290,6 +290,15 @@ READINGS = (
             ("picture_turned", "turned by 180°", lambda px, size: size - 1.0 - px),
         )
     ),
+    *(
+        _Misread(
+            "picture_scaled",
+            f"the pixels are of pictures {words} as large as the calibration's",
+            "give pixels of pictures of the calibration's size, or calibrate at this size",
+            partial(_points, lambda px, _, by=by: (px + 0.5) * by - 0.5),  # type: ignore[misc]
+        )
+        for words, by in (("half", 2.0), ("twice", 0.5), ("two thirds", 1.5), ("a quarter", 4.0))
+    ),
     _Misread(
         "points_exchanged",
         "u and v are exchanged",

@@ -166,7 +166,7 @@ def _warnings(table: DeflectionTable, solution: StiffnessSolution, document: dic
         for index in solution.outliers
     ]
     kept, free, fit = len(table.x_m) - len(solution.outliers), solution.free_clamp, solution.fit
-    low, high = (1e8, 1.3e12)
+    low, high = _SOLIDS_PA
     modulus = document.get("youngs_modulus_Pa", low + 1.0)
     sagging = float(table.unloaded_y_m.max() - table.unloaded_y_m.min()) > 0.2 * float(abs(table.deflection_m).max())
     few = f"{kept} readings are too few to see slips among them or whether neighbours err together"
@@ -177,7 +177,7 @@ def _warnings(table: DeflectionTable, solution: StiffnessSolution, document: dic
     turns = "the readings suggest a clamp that turns, or a clamp that is not where x = 0 is: check it"
     inner = "no reading in the outer 40 % between clamp and load, where most of the bending shows"
     sag = "the unloaded rod is not straight: with large deflections its sag does not cancel"
-    solid = f"Young's modulus {modulus / 1e9:.3g} GPa is that of no solid: check the units and the section"
+    solid = f"Young's modulus {modulus / 1e9:.3g} GPa is that of no solid: {_units(modulus)}"
     rules = (
         (kept < 8, few),
         (solution.effective_readings < 0.5 * kept, together),
@@ -187,6 +187,23 @@ def _warnings(table: DeflectionTable, solution: StiffnessSolution, document: dic
         (not low < modulus < high, solid),
     )
     return warnings + [words for holds, words in rules if holds]
+
+
+_SOLIDS_PA = 1e8, 1.3e12
+"""Young's moduli between those of rubber and of diamond."""
+
+
+def _units(modulus_Pa: float) -> str:
+    """What makes an impossible modulus (Pa) that of a usual material, in words."""
+    from vbaa_calib.antenna.materials import MATERIALS
+    from vbaa_calib.diagnose.typed_loads import FORCE_UNITS, LENGTH_UNITS
+
+    usual = [material.modulus_range_Pa for material in MATERIALS.values()]
+    factors = [(f"the force {how}", factor) for how, factor in FORCE_UNITS[:3]]
+    factors += [(f"the diameter {how}", factor**-4) for how, factor in LENGTH_UNITS[:3]]
+    # of a force, deflections scale as it does; a section's moment is the diameter's fourth power
+    likely = [how for how, factor in factors if any(low <= modulus_Pa * factor <= high for low, high in usual)]
+    return f"is {', or '.join(likely)}?" if likely else "check the units and the section"
 
 
 def _report(document: dict[str, Any]) -> None:
