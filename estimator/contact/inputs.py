@@ -672,12 +672,13 @@ def _absent_px(rig: Rig, lines_px: np.ndarray, sigma_px: Any) -> float:
     usual, settings = rig.image.noise_px, OutlierSettings()
     if sigma_px is not None:
         return usual
-    own_px, lines = np.ones(lines_px.shape[:2]), list(lines_px)
-    few = replace(settings, scatter_frames=settings.few_frames)
+    chosen = lines_px[spread_evenly(len(lines_px), settings.scatter_frames)]
+    lines = list(np.where(outside(chosen, rig.camera.image_size)[..., None], np.nan, chosen))
+    own_px, few = list(np.ones(chosen.shape[:2])), replace(settings, scatter_frames=settings.few_frames)
     # near the limit a few lines do not decide
-    if point_scatter(lines, list(own_px), few) < (1.0 + settings.tolerated) / 2 * usual:
+    if point_scatter(lines, own_px, few) < (1.0 + settings.tolerated) / 2 * usual:
         return usual
-    scatter = point_scatter(lines, list(own_px), settings)
+    scatter = point_scatter(lines, own_px, settings)
     return scatter if scatter > settings.tolerated * usual else usual
 
 

@@ -155,7 +155,7 @@ def as_floats(values: Any, name: str, remedy: str) -> np.ndarray:
             values = values.astype(float).filled(np.nan)
         if isinstance(values, list | tuple):
             # NumPy takes a list of numbers and booleans for numbers, and no tensor with gradients
-            values = np.array([one.detach().cpu().numpy() if is_tensor(one) else one for one in values], object)
+            values = np.array([one.tolist() if is_tensor(one) else one for one in values], object)
         array = np.asarray(values)
         if array.dtype.kind == "O":
             array = np.array([_number(one) for one in array.ravel()]).reshape(array.shape)
