@@ -156,6 +156,11 @@ def _points(change: Callable[[np.ndarray, np.ndarray], np.ndarray], recorded: Re
     return recorded.with_readings(points_px=change(batch.points_px, size), tip_px=tip)
 
 
+def _enlarged(by: float, pixels: np.ndarray, _: np.ndarray) -> np.ndarray:
+    """Pixels of the same picture, larger by a factor; its corner stays at (−0.5, −0.5)."""
+    return (pixels + 0.5) * by - 0.5
+
+
 def _rectified(recorded: Recorded) -> Recorded | None:
     """Hypothesis of pictures from which the distortion was removed before."""
     camera = recorded.rig.camera
@@ -295,7 +300,7 @@ READINGS = (
             "picture_scaled",
             f"the pixels are of pictures {words} as large as the calibration's",
             "give pixels of pictures of the calibration's size, or calibrate at this size",
-            partial(_points, lambda px, _, by=by: (px + 0.5) * by - 0.5),  # type: ignore[misc]
+            partial(_points, partial(_enlarged, by)),
         )
         for words, by in (("half", 2.0), ("twice", 0.5), ("two thirds", 1.5), ("a quarter", 4.0))
     ),

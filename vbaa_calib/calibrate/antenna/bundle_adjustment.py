@@ -324,7 +324,8 @@ def _in_passes(problem: Problem, judged: bool = True) -> tuple[Problem, Linearis
     least = 1.0 if np.mean([one.shared for one in problem.observations]) > 0.5 else 0.0
     loaded = np.array([one.loaded for one in problem.observations])
     strange = np.zeros(len(loaded), bool)
-    evaluated, disturbed = problem.evaluate(parameters), True
+    evaluated, disturbed, stuck = problem.evaluate(parameters), True, 0
+    rms = np.full(len(loaded), np.nan)
     for turn in range(AntennaSettings.passes + 1):
         kept = problem.kept
         left = [problem.in_own_std(i, evaluated.points[i][:, 0]) for i in np.flatnonzero(kept).tolist()]
@@ -336,6 +337,9 @@ def _in_passes(problem: Problem, judged: bool = True) -> tuple[Problem, Linearis
             problem, parameters, evaluated, AntennaSettings.standstill if exact else AntennaSettings.roughly
         )
         parameters = solution.parameters
+        stuck = stuck + 1 if not solution.converged and scale > AntennaSettings.hopeless else 0
+        if stuck > AntennaSettings.hopeless_passes:
+            break
         problem = problem.relinearised(parameters)
         evaluated = problem.evaluate(parameters)
         if disturbed and change < AntennaSettings.exact_from:
