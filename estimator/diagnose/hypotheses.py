@@ -298,11 +298,11 @@ READINGS = (
     *(
         _Misread(
             "picture_scaled",
-            f"the pixels are of pictures {words} as large as the calibration's",
-            "give pixels of pictures of the calibration's size, or calibrate at this size",
+            f"the pixels are of {words} pictures",
+            "use the calibration's size",
             partial(_points, partial(_enlarged, by)),
         )
-        for words, by in (("half", 2.0), ("twice", 0.5), ("two thirds", 1.5), ("a quarter", 4.0))
+        for words, by in (("half-size", 2.0), ("double-size", 0.5), ("two-thirds-size", 1.5), ("quarter-size", 4.0))
     ),
     _Misread(
         "points_exchanged",

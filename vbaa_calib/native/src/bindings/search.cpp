@@ -154,7 +154,7 @@ void bind_ridges(nb::module_& room) {
         detect::PathTable paths =
             reduced(factor, pool, reach, static_cast<double>(image.shape(0)), static_cast<double>(image.shape(1)));
         require(index.shape(1) < LONG, "paths have less than 10^6 samples");
-        require(spans.shape(0) == static_cast<std::size_t>(detect::DIRECTIONS * paths.rows()) && spans.shape(1) == 2,
+        require(spans.shape(0) == std::size_t{detect::DIRECTIONS} * paths.rows() && spans.shape(1) == 2,
                 "spans are (directions times rows, 2)");
         paths.index = view(index), paths.spans = view(spans), paths.weight = of_size(weight, index.shape(0));
         for (int k = 0; k < paths.spans.shape[0]; ++k)
