@@ -363,7 +363,8 @@ class OutlierSettings:
     jump_ratio: float = 5.0  # to the frame's usual difference of such medians: a wrong shape differs everywhere
     returns: float = 0.5  # part of a stretch's distance by which the line may lie elsewhere behind it than before
     scatter_frames: int = 32  # lines, spread over a recording, that determine its scatter to a few per cent
-    few_frames: int = 6  # of them, that decide whether the usual standard deviation may be too small
+    few_frames: int = 6  # of them, that decide whether the usual standard deviation may be too small,
+    frames_a_line: int = 100  # one for so many frames: more would take as long as the contacts
     fewest_lines: int = 5  # of which it can be told what they share
     scatter_points: int = 32  # a line with fewer is left out: smoothing takes too much of it
     intervals: int = 8  # of the smooth curve, a cubic spline: a touched antenna's third derivative jumps
@@ -477,7 +478,7 @@ def _apart(points_px: np.ndarray, neighbours: int) -> np.ndarray:
     ordered = np.pad(points_px[order], ((neighbours, neighbours), (0, 0)), constant_values=np.inf)
     around = np.lib.stride_tricks.sliding_window_view(ordered, 2 * neighbours + 1, axis=0)  # (N, 2, around)
     off = np.abs(around - points_px[order][:, :, None])
-    found = np.sort(np.hypot(off[:, 0], off[:, 1]), axis=1)[:, 4]
+    found = np.sqrt(np.partition(off[:, 0] ** 2 + off[:, 1] ** 2, 4, axis=1)[:, 4])
     far = np.flatnonzero(found > off[:, axis][:, [0, -1]].min(axis=1))
     if len(far):
         from scipy.spatial import cKDTree
@@ -674,7 +675,8 @@ def _absent_px(rig: Rig, lines_px: np.ndarray, sigma_px: Any) -> float:
         return usual
     chosen = lines_px[spread_evenly(len(lines_px), settings.scatter_frames)]
     lines = list(np.where(outside(chosen, rig.camera.image_size)[..., None], np.nan, chosen))
-    own_px, few = list(np.ones(chosen.shape[:2])), replace(settings, scatter_frames=settings.few_frames)
+    own_px, count = list(np.ones(chosen.shape[:2])), len(lines_px) // settings.frames_a_line
+    few = replace(settings, scatter_frames=int(np.clip(count, 1, settings.few_frames)))
     # near the limit a few lines do not decide
     if point_scatter(lines, own_px, few) < (1.0 + settings.tolerated) / 2 * usual:
         return usual
