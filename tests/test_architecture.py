@@ -31,13 +31,13 @@ NATIVE = [path for kind in ("cpp", "hpp") for path in sorted((ROOT / "vbaa_calib
 CXX_CONSTANTS = re.compile(r"^(?:inline )?(?:constexpr|const) .*", re.MULTILINE)
 CXX_CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b(?=[^=;(,]*=)")
 MOST = {
-    "module constants": 780,
+    "module constants": 779,
     "class names used twice": 0,
-    "classes": 420,
-    "public names": 1088,
+    "classes": 419,
+    "public names": 1086,
     "private words": 49,
     "type: ignore": 4,
-    "words on pages": 29936,
+    "words on pages": 29933,
 }
 """What there may be of each. A number only goes down: a change that needs fewer lowers it."""
 
