@@ -214,8 +214,8 @@ def _along(rig: Rig, glance: _FirstDetection, unknowns: np.ndarray, points_m: np
         first, line = line, of_antennas_shape(again, where, changing)
         if line.found and changing:
             farther_px = arc_lengths(first.points_px)[-1] - arc_lengths(again.points_px)[-1]
-            more = first.found and line.seen < first.seen and farther_px < ContactSettings.farther_widths * width
-            line = first if more else line
+            if first.found and line.seen < first.seen and farther_px < ContactSettings.farther_widths * width:
+                line = first
     # what is doubted on a closer look, though not on the first, makes no contact
     return Detection(line, measured(rig, glance.frame, line if line.found else NOTHING, start=unknowns))
 

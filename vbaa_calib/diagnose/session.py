@@ -16,6 +16,7 @@ from vbaa_calib.antenna.shape import PARAMETERS
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
 from vbaa_calib.calibrate.antenna.problem import Problem
+from vbaa_calib.calibrate.antenna.settings import AntennaSettings
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.core.errors import Diagnosis, InputError, SolveError
 from vbaa_calib.geometry import Kinematics, Pose
@@ -389,7 +390,7 @@ def _materials(witness: Witness) -> Iterator[_Mistake]:
         ratios = material.youngs_modulus_Pa / nominal.youngs_modulus_Pa, material.density_kg_m3 / nominal.density_kg_m3
         step[[12, 13]] = step[count:] = np.log(ratios)
         further.append(step)
-    yield _Mistake(other, says, SETTINGS.material, 0.0, within=possible, further=further)
+    yield _Mistake(other, says, AntennaSettings.any_material, 0.0, within=possible, further=further)
 
 
 # ---- gravity and joints

@@ -42,7 +42,6 @@ class _SessionSettings:
     cone: float = 0.7  # of the logarithm of the tip's diameter over the clamp's
     thinnest: float = 2.5  # largest size of that: 1:12
     touch: float = 0.05  # of a touch, in its deflection over the length
-    material: tuple[float, float] = (1.5, 1.0)  # of the logarithms of EI and of the mass per length
     moduli_Pa: tuple[float, float] = (1e9, 450e9)  # of what antennas are made of
     misfit: float = 8.0  # nats beyond what noise makes, from which gross mistakes are tried
     tried: int = 12  # hypotheses that are solved in full
