@@ -50,7 +50,7 @@ nitpick_ignore_regex = [
         r"FieldInfo|NoneType|Ge|Le|Gt|Lt|MinLen|MaxLen|Len|Field|FitNumbers|.*TouchObject|.*LearntRig|_Side|_Squares|_Id|BeforeValidator|AfterValidator|[-+.\de]+",
     ),
     # what is imported for its type alone
-    (r"py:class", r"Paint|Tensor|vbaa_calib\.convert\.values\.Wanted"),
+    (r"py:class", r"Paint|Tensor|Mapping\[str|NamedAntennas|.*\.(Wanted|RigArrays|ContactEstimate)"),
     # a column's kind, as the table declares it
     (r"py:.*", r"(estimator\.table\.contacts\.)?(Number|Flag|Text|Whole)"),
 ]

