@@ -6,10 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial.transform import Rotation
+from scipy.special import log_ndtr
 
 from estimator.object.surface import Surface, Touches, reconstruct
+from estimator.object.surface.patches import nearest_first
 from estimator.object.surface.settings import SurfaceSettings
+from vbaa_calib.native import core
 from vbaa_calib.simulate.scene.objects import Bump, TouchObject
 
 from ..viz.touching import cylinder
@@ -337,3 +341,18 @@ def senseless() -> dict[str, dict[str, np.ndarray]]:
 @pytest.mark.parametrize("name", list(senseless()))
 def test_what_makes_no_sense_gives_a_surface_still(name: str) -> None:
     sound(reconstruct(replace(noisy(SPHERE), **senseless()[name]), RADIUS_M), 40)
+
+
+def test_sums_and_trees_are_scipy_s() -> None:
+    """What a report computes without SciPy, which would take it a third of a second to load."""
+    rng = np.random.default_rng(0)
+    at = np.concatenate([np.linspace(-60.0, 8.0, 301), [-1e3, -np.inf, np.inf]])
+    assert core.log_normal_cdf(at) == pytest.approx(log_ndtr(at), rel=1e-9)
+    for sparse in (0.0, 0.9):
+        distance = np.triu(np.where(rng.random((60, 60)) < sparse, 0.0, rng.random((60, 60))), 1)
+        distance += distance.T
+        order, gaps = nearest_first(np.where(distance > 0.0, distance, np.inf))
+        assert np.sort(gaps[np.isfinite(gaps)]) == pytest.approx(np.sort(minimum_spanning_tree(distance).data))
+        parts = np.split(order, np.flatnonzero(gaps > 0.1) + 1)
+        labels = connected_components(distance * (distance <= 0.1), directed=False)[1]
+        assert {tuple(np.sort(part)) for part in parts} == {tuple(np.flatnonzero(labels == one)) for one in set(labels)}

@@ -8,7 +8,14 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from vbaa_calib.core.robust import chi_square, huber_losses, huber_weights, soft_l1_losses, soft_l1_weights
+from vbaa_calib.core.robust import (
+    chi_square,
+    chi_square_p,
+    huber_losses,
+    huber_weights,
+    soft_l1_losses,
+    soft_l1_weights,
+)
 
 CHANCE_SCATTER = 1.2  # ratio of variances that noise alone often reaches: what is beyond widens a covariance
 
@@ -131,9 +138,8 @@ def disagreement(information: np.ndarray, pull: np.ndarray, total: np.ndarray) -
 
 def disagreement_p(square: np.ndarray, freedom: np.ndarray) -> np.ndarray:
     """(G,) p-value of each χ² of `disagreement`; 1 without degrees of freedom."""
-    from scipy.special import chdtrc  # slow to load
-
-    return np.where(freedom > 0, chdtrc(np.maximum(freedom, 1), square), 1.0)
+    groups = zip(square.tolist(), freedom.tolist(), strict=True)
+    return np.array([chi_square_p(*group) if group[1] > 0 else 1.0 for group in groups])
 
 
 def padded(rows: np.ndarray, bounds: np.ndarray) -> np.ndarray:

@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.spatial.distance import cdist
 
 from estimator.object.surface import Normals
 from estimator.table.contacts import ContactTable, joint_angles
@@ -605,7 +604,7 @@ def _spread_across(point_m: np.ndarray, own_m2: np.ndarray, axes: _Axes, patch: 
     """(P,) mask of the points (P, 3), with own covariances (P, 3, 3), on patches (P,) that extend across the
     antenna; False where unknown."""
     same = patch[:, None] == patch
-    apart = np.where(same, cdist(point_m, point_m), 0.0)
+    apart = np.where(same, np.linalg.norm(point_m[:, None] - point_m, axis=-1), 0.0)
     extent = np.array([apart[patch == label].max() for label in patch])
     near = same & (apart <= FrictionSettings.near_share * extent[:, None])
     offset = point_m - point_m[:, None]

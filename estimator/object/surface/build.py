@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+import cv2
 import numpy as np
-from scipy.sparse.csgraph import minimum_spanning_tree
-from scipy.spatial import KDTree
-from scipy.spatial.distance import cdist
 
 from estimator.object.surface.settings import SurfaceSettings
 from estimator.table.contacts import ContactTable
@@ -15,7 +13,7 @@ from vbaa_calib.core.robust import NORMAL_QUARTILE
 from vbaa_calib.geometry.covariance import variance_along
 
 from .fit import SurfaceFit, begin, fit, with_common_errors
-from .patches import across_curve, bridged_gap
+from .patches import across_curve, bridged_gap, nearest_first
 from .touches import Touches, touches_of
 
 _Piece = dict[str, np.ndarray]
@@ -256,16 +254,16 @@ def _footprint(flat_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     morphological closing by a disc as wide as a bridged gap."""
     low, high = flat_m.min(axis=0), flat_m.max(axis=0)
     extent = float(np.linalg.norm(high - low))
-    gaps = minimum_spanning_tree(np.maximum(cdist(flat_m, flat_m), 1e-12)).data
+    gaps = nearest_first(np.linalg.norm(flat_m[:, None] - flat_m, axis=-1))[1]
     radius = SurfaceSettings.closing * bridged_gap(gaps, extent)
     width = float(np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(flat_m.T))[0], 0.0)))
     margin = min(max(SurfaceSettings.margin * extent, float(np.median(gaps)) / 2), radius / 2, width)
     step = max(float((high - low).max()) / SurfaceSettings.cells, margin / 2)
     axes = [np.arange(a - radius - 2 * step, b + radius + 3 * step, step) for a, b in zip(low, high, strict=True)]
     place = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    away = KDTree(flat_m).query(place)[0]
+    away = np.linalg.norm(place[:, :, None] - flat_m, axis=-1).min(axis=-1)
     # in steps, to the nearest place that no touch is near
-    free = KDTree(np.argwhere(away > radius)).query(np.moveaxis(np.indices(away.shape), 0, -1))[0]
+    free = cv2.distanceTransform((away <= radius).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     # 0.71 of a step away from any place there is one of the grid
     inside = (free * step >= radius - margin) | (away <= max(margin, 0.71 * step))
     number = np.where(inside, np.cumsum(inside).reshape(inside.shape) - 1, -1)

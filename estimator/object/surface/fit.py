@@ -7,8 +7,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.linalg import eigh
-from scipy.sparse.linalg import eigsh
 
 from estimator.object.surface.patches import LocalTouches, Patch, curve, facing, group, height_field
 from estimator.object.surface.settings import SurfaceSettings
@@ -293,10 +291,12 @@ def _estimate_normals(
 
 def _largest(covariance: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """The largest variances (K,) and their axes (N, K); for many touches by Lanczos' method."""
-    size = len(covariance)
-    if size < 10 * count:
-        return eigh(covariance, subset_by_index=(size - count, size - 1))
-    return eigsh(covariance, count, v0=np.ones(size))
+    if len(covariance) < 30 * count:
+        values, axes = np.linalg.eigh(covariance)
+        return values[-count:], axes[:, -count:]
+    from scipy.sparse.linalg import eigsh  # slow to load
+
+    return eigsh(covariance, count, v0=np.ones(len(covariance)))
 
 
 def _of_field(seen: LocalTouches, slope: np.ndarray, slack_rad: float) -> _Turned:

@@ -7,10 +7,6 @@ from dataclasses import dataclass
 from itertools import combinations_with_replacement
 
 import numpy as np
-from scipy.linalg import block_diag
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
-from scipy.spatial.distance import cdist
 
 from estimator.object.surface.settings import SurfaceSettings
 from estimator.object.surface.solution import Functionals, ShapeEquations, values_at
@@ -25,7 +21,7 @@ def facing(force_N: np.ndarray, tangent: np.ndarray, points_m: np.ndarray) -> np
     across = force_N - np.sum(force_N * along, axis=1, keepdims=True) * along
     size, whole = np.linalg.norm(across, axis=1, keepdims=True), np.linalg.norm(force_N, axis=1, keepdims=True)
     single = np.where(size > 0.1 * whole, across / np.maximum(size, 1e-300), force_N / whole)
-    near = np.argsort(cdist(points_m, points_m), axis=1, kind="stable")[:, : SurfaceSettings.neighbours]
+    near = np.argsort(_distances(points_m), axis=1, kind="stable")[:, : SurfaceSettings.neighbours]
     alike = np.einsum("ni,nki->nk", single, single[near]) > np.cos(SurfaceSettings.alike_rad)
     mean = np.einsum("nk,nki->ni", alike.astype(float), single[near])
     return mean / np.linalg.norm(mean, axis=1, keepdims=True)
@@ -33,17 +29,37 @@ def facing(force_N: np.ndarray, tangent: np.ndarray, points_m: np.ndarray) -> np
 
 def group(points_m: np.ndarray, normals: np.ndarray) -> list[np.ndarray]:
     """Indices of connected points (P, 3) with similar normals (P, 3), for each group."""
-    # 0 is no edge, and two contacts may coincide
-    distance_m = np.maximum(cdist(points_m, points_m), 1e-12)
-    graph = np.where(normals @ normals.T > np.cos(SurfaceSettings.link_normals_rad), distance_m, 0.0)
-    gap_m = bridged_gap(minimum_spanning_tree(graph).data, float(np.linalg.norm(np.ptp(points_m, axis=0))))
-    _, labels = connected_components(csr_array(graph * (graph <= gap_m)), directed=False)
-    joined = (np.flatnonzero(labels == label) for label in range(labels.max() + 1))
-    return [part for members in joined for part in _facing_alike(members, normals)]
+    alike = normals @ normals.T > np.cos(SurfaceSettings.link_normals_rad)
+    order, gaps_m = nearest_first(np.where(alike, _distances(points_m), np.inf))
+    gap_m = bridged_gap(gaps_m[np.isfinite(gaps_m)], float(np.linalg.norm(np.ptp(points_m, axis=0))))
+    joined = [np.sort(part) for part in np.split(order, np.flatnonzero(gaps_m > gap_m) + 1)]
+    return [part for members in sorted(joined, key=lambda each: each[0]) for part in _facing_alike(members, normals)]
+
+
+def _distances(points_m: np.ndarray) -> np.ndarray:
+    """(P, P) m, of points (P, 3) from each other."""
+    return np.linalg.norm(points_m[:, None] - points_m, axis=-1)
+
+
+def nearest_first(distance_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Order (P,) of points in which each is the nearest to those before it, and the gaps (P − 1,) between: the lengths
+    of the edges of the minimum spanning tree (Prim's method; infinite where no edge leads on). Points that gaps of up
+    to some width connect follow one another. distance_m : (P, P), infinite without an edge."""
+    order, gaps_m, away_m = [0], [], distance_m[0].copy()
+    left = np.ones(len(distance_m), bool)
+    left[0] = False
+    while len(order) < len(left):
+        rest = np.flatnonzero(left)
+        nearest = rest[np.argmin(away_m[rest])]
+        order.append(nearest)
+        gaps_m.append(away_m[nearest])
+        left[nearest] = False
+        np.minimum(away_m, distance_m[nearest], out=away_m)
+    return np.array(order), np.array(gaps_m)
 
 
 def bridged_gap(gaps_m: np.ndarray, extent_m: float) -> float:
-    """The widest gap that is bridged, from the edges of the points' minimum spanning tree and their extent."""
+    """The widest gap that is bridged, from the finite gaps of `nearest_first` and the points' extent."""
     usual = float(np.percentile(gaps_m, 90)) if len(gaps_m) else 0.0
     return max(SurfaceSettings.link_factor * usual, SurfaceSettings.link_extent * extent_m)
 
@@ -159,10 +175,11 @@ def curve(seen: LocalTouches) -> ShapeEquations:
     rolled = SurfaceSettings.round_m * np.concatenate([1.0 - np.cos(turned), -np.sin(turned)])
     noises = [_noise([side], [np.arange(count)], seen.own_m2, [SurfaceSettings.least_std_m]) for side in sides]
     across = noises[0] + np.outer(off, off) + np.diag(2.0 * off**2)
+    apart = np.zeros((count, count))
     return ShapeEquations(
         rows=Functionals.joined([values_at(over, outward), values_at(over, scales)]),
         y=np.concatenate([np.sum(each * seen.point_m[:, 1:], axis=1) for each in (outward, scales)]),
-        noise=block_diag(across, noises[1] + along @ along.T) + np.outer(rolled, rolled),
+        noise=np.block([[across, apart], [apart, noises[1] + along @ along.T]]) + np.outer(rolled, rolled),
         modes=np.concatenate([_project(sides[0], seen.modes_m), np.zeros(along.shape)]),
         force_N=np.concatenate([np.sum(sides[0] * seen.yield_N, axis=1), np.zeros(count)]),
         slack=np.concatenate([np.zeros(count), np.full(count, SurfaceSettings.slack_m)]),

@@ -11,8 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import LinAlgError, block_diag, cho_solve, cholesky, solve_triangular
-from scipy.linalg.lapack import dpotri, dtrtri
+from numpy.linalg import LinAlgError
 
 from estimator.object.surface.settings import SurfaceSettings
 from vbaa_calib.core.arrays import Rows
@@ -126,7 +125,7 @@ class ShapeSolution:
     def spread(self, patch: int, rows: Functionals) -> np.ndarray:
         """(Q,) posterior standard deviations of functionals of a patch's undeformed shape."""
         seen = self.seen_by(patch, rows)
-        half = solve_triangular(self.lower, seen.T, lower=True, check_finite=False)
+        half = _solve_lower(self.lower, seen.T)
         left = variance(rows, self.priors[patch]) - np.sum(half**2, axis=0)
         left += (seen @ self.lift) ** 2 * self.variance
         return np.sqrt(np.maximum(left, 0.0))
@@ -134,8 +133,8 @@ class ShapeSolution:
     def joint(self, views: list[tuple[int, Functionals]]) -> np.ndarray:
         """(Q, Q) posterior covariance of functionals of several patches, concatenated."""
         seen = np.concatenate([self.seen_by(patch, rows) for patch, rows in views])
-        prior = block_diag(*(covariance(rows, rows, self.priors[patch]) for patch, rows in views))
-        half = solve_triangular(self.lower, seen.T, lower=True, check_finite=False)
+        prior = _block_diagonal([covariance(rows, rows, self.priors[patch]) for patch, rows in views])
+        half = _solve_lower(self.lower, seen.T)
         lifted = seen @ self.lift
         return prior - half.T @ half + self.variance * np.outer(lifted, lifted)
 
@@ -143,7 +142,7 @@ class ShapeSolution:
         """(2N,) posterior means of functionals of a patch; (N, 2, 2) covariances of the first N with the last N, at the
         same places."""
         seen, count, prior = self.seen_by(patch, rows), len(rows) // 2, self.priors[patch]
-        half = solve_triangular(self.lower, seen.T, lower=True, check_finite=False)
+        half = _solve_lower(self.lower, seen.T)
         lifted, sides = seen @ self.lift, [slice(0, count), slice(count, None)]
         found = np.empty((count, 2, 2))
         for a, b in ((0, 0), (0, 1), (1, 1)):
@@ -156,8 +155,27 @@ class ShapeSolution:
     def leave_one_out_residuals(self) -> np.ndarray:
         """(M,) each equation less its prediction by all others, in standard deviations (Rasmussen and Williams, Eq.
         5.12)."""
-        half = dtrtri(self.lower, lower=1)[0]
+        half = _solve_lower(self.lower, np.eye(len(self.lower)))
         return self.weights / np.sqrt(np.einsum("mn,mn->n", half, half))
+
+
+def _block_diagonal(blocks: list[np.ndarray]) -> np.ndarray:
+    """(N, N) matrix of square blocks along its diagonal."""
+    end = np.cumsum([len(block) for block in blocks])
+    whole = np.zeros((end[-1], end[-1]))
+    for block, to in zip(blocks, end, strict=True):
+        whole[to - len(block) : to, to - len(block) : to] = block
+    return whole
+
+
+def _solve_lower(lower: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """L⁻¹ · right (N, Q), L : (N, N) lower triangle, by halves. SciPy's, which would be loaded for it alone in every
+    report, takes longer to load than the solves of hundreds of contacts."""
+    half = len(lower) // 2
+    if half < 32:
+        return np.linalg.solve(lower, right)
+    first = _solve_lower(lower[:half, :half], right[:half])
+    return np.concatenate([first, _solve_lower(lower[half:, half:], right[half:] - lower[half:, :half] @ first)])
 
 
 def _factor(matrix: np.ndarray) -> np.ndarray:
@@ -165,7 +183,7 @@ def _factor(matrix: np.ndarray) -> np.ndarray:
     for jitter in (0.0, 1e-12, 1e-10, 1e-8):
         try:
             whole = matrix + jitter * np.diag(np.diag(matrix)) if jitter else matrix
-            return np.asarray(cholesky(whole, lower=True, check_finite=False))
+            return np.linalg.cholesky(whole)
         except LinAlgError:
             continue
     raise LinAlgError("the covariance of the touches is not positive definite")
@@ -176,8 +194,11 @@ def solve(every: tuple[ShapeEquations, ...], priors: tuple[SmoothnessPrior, ...]
     otherwise the object is rigid."""
     modes = np.concatenate([each.modes for each in every])
     y, force = np.concatenate([each.y for each in every]), np.concatenate([each.force_N for each in every])
-    lower = _factor(block_diag(*(each.own(prior) for each, prior in zip(every, priors, strict=True))) + modes @ modes.T)
-    weights, lift = cho_solve((lower, True), y), cho_solve((lower, True), force)
+    own = _block_diagonal([each.own(prior) for each, prior in zip(every, priors, strict=True)])
+    lower = _factor(own + modes @ modes.T)
+    half = _solve_lower(lower, np.column_stack([y, force]))
+    # Lᵀ read backwards is a lower triangle, too
+    weights, lift = _solve_lower(lower.T[::-1, ::-1], half[::-1])[::-1].T
     compliance = spread = 0.0
     information = float(force @ lift)
     if yielding and information > 0.0:
@@ -229,18 +250,16 @@ def learn_prior(
                 lower = np.linalg.cholesky(whole + SurfaceSettings.rougher * np.diag(np.diag(whole)))
             # the columns H in the middle have the trend's covariance H·Hᵀ
             trend = np.column_stack([prior.offset_m * rows.value, prior.incline * rows.of_lines])
-            white = solve_triangular(lower, np.column_stack([trend, y]), lower=True, check_finite=False)
-            lines, seen = white[:, :-1], white[:, -1]
-            inverse = dpotri(lower, lower=1)[0]  # zeros above
-            inverse = inverse + inverse.T
-            np.einsum("mm->m", inverse)[:] *= 0.5
-            inner = np.linalg.cholesky(np.eye(lines.shape[1]) + lines.T @ lines)
-            course = cho_solve((inner, True), lines.T @ seen)
+            half = _solve_lower(lower, np.column_stack([trend, y, np.eye(len(y))]))
+            lines, seen, half = half[:, : trend.shape[1]], half[:, trend.shape[1]], half[:, trend.shape[1] + 1 :]
+            inverse = half.T @ half
+            within = np.eye(lines.shape[1]) + lines.T @ lines
+            inner, course = np.linalg.cholesky(within), np.linalg.solve(within, lines.T @ seen)
             rest = seen - lines @ course
-            weights = solve_triangular(lower, rest, lower=True, trans="T", check_finite=False)
+            weights = half.T @ rest
             unlikely = 0.5 * float(rest @ rest + course @ course)
             unlikely += float(np.log(np.diag(lower)).sum() + np.log(np.diag(inner)).sum())
-            along = solve_triangular(inner, trend.T @ inverse, lower=True)
+            along = np.linalg.solve(inner, trend.T @ inverse)
             taken = np.vstack([along, weights])
             left = inverse - taken.T @ taken
             slopes = np.array([np.vdot(left, by_log_length), 2.0 * np.vdot(left, shape), 2.0 * np.diag(left) @ doubt])

@@ -10,13 +10,12 @@ differences but for how the joints turn them; what differs from frame to frame c
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.special import log_ndtr, logsumexp
 
 from estimator.contact.common_errors import CommonErrors, shared_errors
 from estimator.contact.motion import Beam
@@ -25,7 +24,10 @@ from estimator.table.contacts import LOCATED, ContactTable
 from vbaa_calib.core.robust import NORMAL_QUARTILE
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.geometry.covariance import largest_std, variance_along
+from vbaa_calib.native import core
 from vbaa_calib.rig import Rig
+
+_Rows = Callable[[np.ndarray], np.ndarray]
 
 
 def _ringing_frames(table: ContactTable) -> np.ndarray:
@@ -189,12 +191,11 @@ def _by_evidence(growth: _Growth, at: np.ndarray) -> np.ndarray:
         middle -= middle * skew
         each = -0.5 * ((root - middle) ** 2 / spread + np.log(spread))
         if len(much):
-            each[..., -1] = log_ndtr(
-                (middle[..., -1] - np.cbrt(TrackSettings.trusted_evidence)) / np.sqrt(spread[..., -1])
-            )
+            above = (middle[..., -1] - np.cbrt(TrackSettings.trusted_evidence)) / np.sqrt(spread[..., -1])
+            each[..., -1] = core.log_normal_cdf(above.ravel().astype(float)).reshape(above.shape)
         log[..., index] = each.sum(axis=-1)
     # with their probabilities
-    return logsumexp(log + np.log(np.array([0.25, 0.5, 0.25]))[:, None], axis=(1, 2, 3))
+    return np.logaddexp.reduce(log + np.log(np.array([0.25, 0.5, 0.25]))[:, None], axis=(1, 2, 3))
 
 
 def _by_force(growth: _Growth, at: np.ndarray) -> np.ndarray:
@@ -500,9 +501,9 @@ def _slip(
     # what moves a contact along the antenna moves its distance too
     modes = _without_walk(modes, tangent, np.einsum("pi,pis->ps", tangent, modes))
     noise = _material_noise(material, time, tangent, own, shared.known)
-    kernel = _slopes(time)
-    moved, modes = kernel @ material, _sloped(kernel, modes)
-    covariance = _sloped(kernel.power(2), noise) + modes @ np.swapaxes(modes, 1, 2)
+    slopes, variances = _slopes(time)
+    moved, modes = slopes(material), slopes(modes)
+    covariance = variances(noise) + modes @ np.swapaxes(modes, 1, 2)
     covariance = covariance + np.eye(3) * (TrackSettings.open_share**2 * (moved**2).sum(axis=1))[:, None, None]
     across, upward = _tilted_axes(moved, covariance, *_axes(table.force_world_N[rows], tangent))
     if normal is not None:
@@ -511,16 +512,16 @@ def _slip(
         across, upward = np.where(known, exact[0], across), np.where(known, exact[1], upward)
     axes = np.stack([tangent, across], axis=1)  # (P, 2, 3)
     plane = np.swapaxes(axes, 1, 2) @ axes
-    contact = kernel @ point
+    contact = slopes(point)
     contact -= upward * np.einsum("pi,pi->p", contact, upward)[:, None]
     speed = np.linalg.norm(contact, axis=1)
     toward = contact / np.maximum(speed, 1e-12)[:, None]
-    contact_variance = variance_along(_sloped(kernel.power(2), own), toward)
+    contact_variance = variance_along(variances(own), toward)
     pan, tilt, run = table.pan_rad[rows], table.tilt_rad[rows], table.point_antenna_m[rows]
     carried = np.full(len(rows), np.nan)
     if np.isfinite(pan).all() and np.isfinite(tilt).all() and np.isfinite(run).all():
         rotation, translation = kinematics.world_antenna(pan, tilt)
-        carried = np.linalg.norm(np.einsum("pab,pb->pa", _sloped(kernel, rotation), run) + kernel @ translation, axis=1)
+        carried = np.linalg.norm(np.einsum("pab,pb->pa", slopes(rotation), run) + slopes(translation), axis=1)
     return _Slip(
         velocity_m_s=np.einsum("pij,pj->pi", plane, moved),
         covariance_m2_s2=plane @ covariance @ plane,
@@ -529,16 +530,16 @@ def _slip(
         contact_m_s=speed,
         contact_std_m_s=np.sqrt(np.maximum(contact_variance, 0.0)),
         carried_m_s=carried,
-        turning_rad_s=np.linalg.norm(kernel @ tangent, axis=1),
+        turning_rad_s=np.linalg.norm(slopes(tangent), axis=1),
     )
 
 
-def _slopes(time_s: np.ndarray) -> csr_array:
-    """(P, P) weights for the slope at each time of the line through its neighbours, as many on either side as there
-    are; NaN rows for P < 3."""
+def _slopes(time_s: np.ndarray) -> tuple[_Rows, _Rows]:
+    """Functions of values (P, ...): the slope at each time (P,) of the line through its neighbours, as many on either
+    side as there are; and from independent variances those of the slopes. NaN for P < 3."""
     count = len(time_s)
     if count < 3:
-        return csr_array(np.full((count, count), np.nan))
+        return (lambda values: np.full(values.shape, np.nan),) * 2
     row = np.arange(count)
     before = row - np.searchsorted(time_s, time_s - TrackSettings.half_window_s - 1e-9)
     after = np.searchsorted(time_s, time_s + TrackSettings.half_window_s + 1e-9, side="right") - 1 - row
@@ -548,16 +549,17 @@ def _slopes(time_s: np.ndarray) -> csr_array:
     high = np.minimum(np.where(short, low + 2, high), count - 1)
     low = np.where(short, np.clip(low, 0, count - 3), low)
     size = high - low + 1
-    rows = np.repeat(row, size)
-    columns = np.arange(size.sum()) - np.repeat(np.cumsum(size) - size, size) + np.repeat(low, size)
+    rows, begin = np.repeat(row, size), np.cumsum(size) - size
+    columns = np.arange(size.sum()) - begin[rows] + low[rows]
     middle = np.bincount(rows, time_s[columns] - time_s[rows]) / size
     away = time_s[columns] - time_s[rows] - middle[rows]
-    return csr_array((away / np.bincount(rows, away**2)[rows], (rows, columns)), shape=(count, count))
+    weights = away / np.bincount(rows, away**2)[rows]
 
+    def summed(weights: np.ndarray, values: np.ndarray) -> np.ndarray:
+        taken = weights[:, None] * values.reshape(count, -1)[columns]
+        return np.add.reduceat(taken, begin, axis=0).reshape(values.shape)
 
-def _sloped(kernel: csr_array, values: np.ndarray) -> np.ndarray:
-    """(P, ...) slopes of values (P, ...), by the weights of `_slopes`."""
-    return (kernel @ values.reshape(len(values), -1)).reshape(values.shape)
+    return partial(summed, weights), partial(summed, weights**2)
 
 
 def _axes(force: np.ndarray, tangent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

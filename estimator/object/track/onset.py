@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.special import stdtrit
 
 from estimator.table.contacts import ContactTable
 
@@ -216,4 +215,6 @@ def _exceeds(late: np.ndarray, base: np.ndarray, deviations: float) -> bool:
 
 @lru_cache(maxsize=TrackSettings.baseline_frames)
 def _threshold(freedom: int) -> float:
+    from scipy.special import stdtrit  # slow to load
+
     return -float(stdtrit(freedom, TrackSettings.false_alarm))

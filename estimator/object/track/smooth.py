@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import logsumexp
 
 from estimator.contact.common_errors import CommonErrors, shared_errors
 from estimator.object.track.onset import TrackSettings
@@ -68,7 +67,7 @@ def _walk_intensity(time_s: np.ndarray, values: np.ndarray, variance: np.ndarray
     # trial intensities of the walk, about the one that would move the path by its own noise in its mean step
     trials = np.logspace(-8.0, 4.0, 37) * (float(np.median(variance)) / step**3)
     log = _log_likelihoods(time_s - time_s[0], values - values.mean(), variance, trials)
-    return float(np.exp(logsumexp(log + np.log(trials)) - logsumexp(log)))
+    return float(np.exp(np.logaddexp.reduce(log + np.log(trials)) - np.logaddexp.reduce(log)))
 
 
 def _log_likelihoods(time: np.ndarray, values: np.ndarray, variance: np.ndarray, trials: np.ndarray) -> np.ndarray:

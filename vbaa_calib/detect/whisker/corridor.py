@@ -29,7 +29,7 @@ SHAPE_SEGMENTS = 48
 
 
 @dataclass(frozen=True, eq=False)
-class FreeShape:
+class _FreeShape:
     """The free antenna in space, with the camera that sees it.
 
     Attributes
@@ -45,7 +45,7 @@ class FreeShape:
     segments_m: np.ndarray
 
     @staticmethod
-    def of(camera: Camera, points_m: np.ndarray) -> FreeShape:
+    def of(camera: Camera, points_m: np.ndarray) -> _FreeShape:
         """The free shape from points (K, 3) from clamp to tip in the camera frame."""
         along = np.append(0.0, np.linalg.norm(np.diff(points_m, axis=0), axis=1).cumsum())
         at = np.linspace(0.0, along[-1], SHAPE_SEGMENTS + 1)
@@ -54,7 +54,7 @@ class FreeShape:
         lateral = np.cross(points[0], segments[0])
         axes = np.stack([segments[0], lateral, np.cross(segments[0], lateral)])
         axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-        return FreeShape(camera, points[0], axes, segments @ axes.T)
+        return _FreeShape(camera, points[0], axes, segments @ axes.T)
 
     @cached_property
     def focal_px(self) -> float:
@@ -88,7 +88,7 @@ class Corridor:
     clamp_px: float = SearchSettings.clamp_px
     clamp_rad: float = SearchSettings.clamp_rad
     shape_px: float | None = None
-    free: FreeShape | None = None
+    free: _FreeShape | None = None
     taper: float = 0.0
 
     def coordinates(self, points_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -165,7 +165,7 @@ def corridor(
     diameter_m : at its clamp, from where it changes by the taper.
     """
     points = free.points_m[0]
-    axis, shape = pixels(camera, T_camera_antenna, points), FreeShape.of(camera, T_camera_antenna @ points)
+    axis, shape = pixels(camera, T_camera_antenna, points), _FreeShape.of(camera, T_camera_antenna @ points)
     width = width_px(camera, T_camera_antenna, points, diameter_m * taper.middle)
     nearness, _ = _nearness(T_camera_antenna, points)
     thick, thin = taper.diameter(np.array([0.0, 1.0])) * (1.0 if nearness is None else nearness)
