@@ -138,7 +138,7 @@ def disagreement(information: np.ndarray, pull: np.ndarray, total: np.ndarray) -
 
 def disagreement_p(square: np.ndarray, freedom: np.ndarray) -> np.ndarray:
     """(G,) p-value of each χ² of `disagreement`; 1 without degrees of freedom."""
-    groups = zip(square.tolist(), freedom.tolist(), strict=True)
+    groups = zip(square.tolist(), freedom.astype(int).tolist(), strict=True)
     return np.array([chi_square_p(*group) if group[1] > 0 else 1.0 for group in groups])
 
 
