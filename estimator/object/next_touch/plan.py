@@ -526,7 +526,7 @@ def _seen(solution: ShapeSolution, index: int, new: ShapeEquations) -> tuple[np.
     prior = solution.priors[index]
     modes = np.concatenate([each.modes for each in solution.equations])
     old = new.modes @ modes.T + solution.seen_by(index, new.rows)
-    half = solve_triangular(solution.lower, old.T, lower=True, check_finite=False)
+    half = solution.root @ old.T
     whole = covariance(new.rows, new.rows, prior) + new.noise + new.modes @ new.modes.T
     whole += np.diag((prior.slack_rad * new.slack) ** 2)
     return half, whole - half.T @ half, new.force_N - old @ solution.lift
@@ -542,7 +542,7 @@ def _of_surface(found: SurfaceFit, reach: _Reach, seen: _Offered) -> tuple[float
     halves, now = [], []
     for index, view in enumerate(rows):
         old = solution.seen_by(index, view)
-        halves.append(solve_triangular(solution.lower, old.T, lower=True, check_finite=False))
+        halves.append(solution.root @ old.T)
         now.append(np.maximum(variance(view, solution.priors[index]) - np.sum(halves[-1] ** 2, axis=0), 0.0))
     count = sum(map(len, targets))
     whole = float(np.sum(np.concatenate(now)))

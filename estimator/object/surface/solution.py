@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.linalg import LinAlgError
@@ -100,7 +101,7 @@ class ShapeSolution:
     equations: tuple[ShapeEquations, ...]  # of each patch
     priors: tuple[SmoothnessPrior, ...]  # of each patch
     start: np.ndarray  # (patches,) where their equations begin
-    lower: np.ndarray  # (M, M) Cholesky factor of the covariance of y
+    root: np.ndarray  # (M, M) inverse of the Cholesky factor of the covariance of y, which it whitens
     weights: np.ndarray  # (M,) covariance⁻¹ (y − compliance · force)
     lift: np.ndarray  # (M,) covariance⁻¹ force
     compliance_m_N: float  # beyond what was taken into the points; zero for a rigid object
@@ -115,6 +116,17 @@ class ShapeSolution:
     def _own_seen_by(self, patch: int, rows: Functionals) -> np.ndarray:
         return covariance(rows, self.equations[patch].rows, self.priors[patch])
 
+    def _whitened(self, patch: int, rows: Functionals) -> tuple[np.ndarray, np.ndarray]:
+        """(Q, P) prior covariance of a patch's functionals with its own P equations, and (M, Q) with all equations as
+        `root` whitens them."""
+        seen, own = self._own_seen_by(patch, rows), self._of(patch)
+        whitened = np.empty((len(self.root), len(rows)))
+        # by quarters, which leave out most of the triangle's zeros
+        for begin, end in pairwise(np.linspace(0, len(self.root), 5).astype(int).tolist()):
+            last = max(min(end, own.stop), own.start)
+            whitened[begin:end] = self.root[begin:end, own.start : last] @ seen[:, : last - own.start].T
+        return seen, whitened
+
     def _of(self, patch: int) -> slice:
         return slice(self.start[patch], self.start[patch] + len(self.equations[patch]))
 
@@ -124,39 +136,36 @@ class ShapeSolution:
 
     def spread(self, patch: int, rows: Functionals) -> np.ndarray:
         """(Q,) posterior standard deviations of functionals of a patch's undeformed shape."""
-        seen = self.seen_by(patch, rows)
-        half = _solve_lower(self.lower, seen.T)
+        seen, half = self._whitened(patch, rows)
         left = variance(rows, self.priors[patch]) - np.sum(half**2, axis=0)
-        left += (seen @ self.lift) ** 2 * self.variance
+        left += (seen @ self.lift[self._of(patch)]) ** 2 * self.variance
         return np.sqrt(np.maximum(left, 0.0))
 
     def joint(self, views: list[tuple[int, Functionals]]) -> np.ndarray:
         """(Q, Q) posterior covariance of functionals of several patches, concatenated."""
-        seen = np.concatenate([self.seen_by(patch, rows) for patch, rows in views])
+        seen, half = zip(*(self._whitened(patch, rows) for patch, rows in views), strict=True)
         prior = _block_diagonal([covariance(rows, rows, self.priors[patch]) for patch, rows in views])
-        half = _solve_lower(self.lower, seen.T)
-        lifted = seen @ self.lift
-        return prior - half.T @ half + self.variance * np.outer(lifted, lifted)
+        whole = np.concatenate(half, axis=1)
+        lifted = np.concatenate([own @ self.lift[self._of(patch)] for own, (patch, _) in zip(seen, views, strict=True)])
+        return prior - whole.T @ whole + self.variance * np.outer(lifted, lifted)
 
     def in_place(self, patch: int, rows: Functionals) -> tuple[np.ndarray, np.ndarray]:
         """(2N,) posterior means of functionals of a patch; (N, 2, 2) covariances of the first N with the last N, at the
         same places."""
-        seen, count, prior = self.seen_by(patch, rows), len(rows) // 2, self.priors[patch]
-        half = _solve_lower(self.lower, seen.T)
-        lifted, sides = seen @ self.lift, [slice(0, count), slice(count, None)]
+        (seen, half), count, prior = self._whitened(patch, rows), len(rows) // 2, self.priors[patch]
+        lifted, sides = seen @ self.lift[self._of(patch)], [slice(0, count), slice(count, None)]
         found = np.empty((count, 2, 2))
         for a, b in ((0, 0), (0, 1), (1, 1)):
             of, to = sides[a], sides[b]
             left = variance(rows.picked(of), prior, rows.picked(to)) - np.einsum("mn,mn->n", half[:, of], half[:, to])
             found[:, a, b] = found[:, b, a] = left + self.variance * lifted[of] * lifted[to]
-        return seen @ self.weights, found
+        return seen @ self.weights[self._of(patch)], found
 
     @property
     def leave_one_out_residuals(self) -> np.ndarray:
         """(M,) each equation less its prediction by all others, in standard deviations (Rasmussen and Williams, Eq.
         5.12)."""
-        half = _solve_lower(self.lower, np.eye(len(self.lower)))
-        return self.weights / np.sqrt(np.einsum("mn,mn->n", half, half))
+        return self.weights / np.sqrt(np.einsum("mn,mn->n", self.root, self.root))
 
 
 def _block_diagonal(blocks: list[np.ndarray]) -> np.ndarray:
@@ -168,14 +177,14 @@ def _block_diagonal(blocks: list[np.ndarray]) -> np.ndarray:
     return whole
 
 
-def _solve_lower(lower: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """L⁻¹ · right (N, Q), L : (N, N) lower triangle, by halves. SciPy's, which would be loaded for it alone in every
-    report, takes longer to load than the solves of hundreds of contacts."""
+def _inverse_of_lower(lower: np.ndarray) -> np.ndarray:
+    """(N, N) inverse of a lower triangle, by halves. SciPy's, which a report would load for it alone, takes longer to
+    load than hundreds of contacts to solve."""
     half = len(lower) // 2
-    if half < 32:
-        return np.linalg.solve(lower, right)
-    first = _solve_lower(lower[:half, :half], right[:half])
-    return np.concatenate([first, _solve_lower(lower[half:, half:], right[half:] - lower[half:, :half] @ first)])
+    if half < 24:
+        return np.tril(np.linalg.inv(lower))
+    first, last = _inverse_of_lower(lower[:half, :half]), _inverse_of_lower(lower[half:, half:])
+    return np.block([[first, np.zeros((half, len(last)))], [-last @ (lower[half:, :half] @ first), last]])
 
 
 def _factor(matrix: np.ndarray) -> np.ndarray:
@@ -195,10 +204,8 @@ def solve(every: tuple[ShapeEquations, ...], priors: tuple[SmoothnessPrior, ...]
     modes = np.concatenate([each.modes for each in every])
     y, force = np.concatenate([each.y for each in every]), np.concatenate([each.force_N for each in every])
     own = _block_diagonal([each.own(prior) for each, prior in zip(every, priors, strict=True)])
-    lower = _factor(own + modes @ modes.T)
-    half = _solve_lower(lower, np.column_stack([y, force]))
-    # Lᵀ read backwards is a lower triangle, too
-    weights, lift = _solve_lower(lower.T[::-1, ::-1], half[::-1])[::-1].T
+    root = _inverse_of_lower(_factor(own + modes @ modes.T))
+    weights, lift = root.T @ (root @ y), root.T @ (root @ force)
     compliance = spread = 0.0
     information = float(force @ lift)
     if yielding and information > 0.0:
@@ -206,7 +213,7 @@ def solve(every: tuple[ShapeEquations, ...], priors: tuple[SmoothnessPrior, ...]
         compliance = spread * float(lift @ y)
         weights = weights - compliance * lift
     start = np.cumsum([0, *map(len, every[:-1])])
-    return ShapeSolution(every, priors, start, lower, weights, lift, compliance, spread)
+    return ShapeSolution(every, priors, start, root, weights, lift, compliance, spread)
 
 
 def learn_prior(
@@ -250,13 +257,12 @@ def learn_prior(
                 lower = np.linalg.cholesky(whole + SurfaceSettings.rougher * np.diag(np.diag(whole)))
             # the columns H in the middle have the trend's covariance H·Hᵀ
             trend = np.column_stack([prior.offset_m * rows.value, prior.incline * rows.of_lines])
-            half = _solve_lower(lower, np.column_stack([trend, y, np.eye(len(y))]))
-            lines, seen, half = half[:, : trend.shape[1]], half[:, trend.shape[1]], half[:, trend.shape[1] + 1 :]
-            inverse = half.T @ half
+            root = _inverse_of_lower(lower)
+            lines, seen, inverse = root @ trend, root @ y, root.T @ root
             within = np.eye(lines.shape[1]) + lines.T @ lines
             inner, course = np.linalg.cholesky(within), np.linalg.solve(within, lines.T @ seen)
             rest = seen - lines @ course
-            weights = half.T @ rest
+            weights = root.T @ rest
             unlikely = 0.5 * float(rest @ rest + course @ course)
             unlikely += float(np.log(np.diag(lower)).sum() + np.log(np.diag(inner)).sum())
             along = np.linalg.solve(inner, trend.T @ inverse)
