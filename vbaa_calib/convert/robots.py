@@ -19,16 +19,7 @@ from vbaa_calib.geometry import Pose
 
 from .child import is_bag, read_camera_infos, read_in_child
 from .refit import PROJECTIONS, refitted
-from .values import (
-    Exchanged,
-    Format,
-    Wanted,
-    checked,
-    numbers,
-    one_of,
-    size_of,
-    stated,
-)
+from .values import Exchanged, Format, Wanted, checked, numbers, one_of, size_of, stated
 
 
 def _read_ros(path: Path, wanted: Wanted) -> Exchanged:
@@ -105,12 +96,7 @@ def _camera_of_message(message: Mapping[str, Any], path: Path, wanted: Wanted) -
 
     # coefficients by model, as files in the wild have them: Azure Kinect's driver and others write fisheye, Tango's a
     # rational_polynomial of five
-    known = {
-        "plumb_bob": (5, 4, 0),
-        "rational_polynomial": (8, 12, 14, 5, 4),
-        "equidistant": (4,),
-        "fisheye": (4,),
-    }
+    known = {"plumb_bob": (5, 4, 0), "rational_polynomial": (8, 12, 14, 5, 4), "equidistant": (4,), "fisheye": (4,)}
     model = one_of(message.get("distortion_model") or "plumb_bob", known, "distortion_model", path)
     size = size_of([(f"image_{key}", message.get(key)) for key in ("width", "height")], path)
     matrix = block("k", 9).reshape(3, 3)

@@ -22,16 +22,7 @@ from vbaa_calib.geometry import Pose
 
 from .child import read_in_child, read_literal, read_storage
 from .refit import PROJECTIONS, refitted
-from .values import (
-    Exchanged,
-    Format,
-    Wanted,
-    checked,
-    numbers,
-    one_of,
-    size_of,
-    stated,
-)
+from .values import Exchanged, Format, Wanted, checked, numbers, one_of, size_of, stated
 
 _NAMES = {
     "matrix": r"(camera|intrinsic)_?matrix|camera_?intrinsics|mtx|[mk]",

@@ -182,13 +182,7 @@ class Centrelines(Mapping[int, np.ndarray]):
     """
 
     def __init__(
-        self,
-        path: Path,
-        copy: BinaryIO | None,
-        state: tuple[int, ...],
-        layout: _Layout,
-        rows: _Rows,
-        note: str = "",
+        self, path: Path, copy: BinaryIO | None, state: tuple[int, ...], layout: _Layout, rows: _Rows, note: str = ""
     ) -> None:
         runs, self._cells = rows
         if (np.diff(self._cells[:, 0]) < 0).any():

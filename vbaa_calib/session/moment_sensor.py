@@ -37,10 +37,7 @@ class MomentSensor:
     gain: Annotated[
         float,
         Within(
-            _not_zero,
-            ge=-1e9,
-            le=1e9,
-            json_schema_extra={"not": {"exclusiveMinimum": -1e-9, "exclusiveMaximum": 1e-9}},
+            _not_zero, ge=-1e9, le=1e9, json_schema_extra={"not": {"exclusiveMinimum": -1e-9, "exclusiveMaximum": 1e-9}}
         ),
     ]
     offset_Nm: Annotated[float, Within(ge=-1e9, le=1e9)]

@@ -38,8 +38,7 @@ Diameter = Annotated[Number, Field(ge=1e-6, le=0.1)]
 FileProfile = tuple[tuple[Annotated[Number, Field(ge=0, le=10)], Annotated[Number, Field(ge=0, le=1e6)]], ...]
 """Rows of arc length from the clamp, m, and a value there, as our files write them."""
 FileStiffnessProfile = Annotated[
-    FileProfile | None,
-    Field(description="EI along it, relative, where it does not follow the diameter's fourth power"),
+    FileProfile | None, Field(description="EI along it, relative, where it does not follow the diameter's fourth power")
 ]
 
 
@@ -269,7 +268,7 @@ class NominalWrenchSensor:
         list[_Component],
         Field(
             description="what it reads of force (fx, fy, fz) and moment (mx, my, mz) that act on the antenna, in its "
-            "own right-handed axes; -my where a channel reads with the other sign",
+            "own right-handed axes; -my where a channel reads with the other sign"
         ),
     ]
     std_N: Annotated[Annotated[Number, Field(ge=1e-12, le=1e6)] | None, Field(description="noise of the forces")] = None

@@ -83,10 +83,4 @@ def _camera_info(lens: Lens) -> dict[str, Any]:
     width, height = lens.image_size
     names = {0: "plumb_bob", 4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial"}
     model = "equidistant" if lens.model == "fisheye" else names.get(len(lens.distortion), "")
-    return {
-        "width": width,
-        "height": height,
-        "distortion_model": model,
-        "d": lens.distortion,
-        "k": lens.matrix.ravel(),
-    }
+    return {"width": width, "height": height, "distortion_model": model, "d": lens.distortion, "k": lens.matrix.ravel()}

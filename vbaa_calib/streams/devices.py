@@ -155,10 +155,5 @@ def open_device(camera: LiveSource) -> MessageSource:
             camera.close()
 
     return MessageSource(
-        camera.name,
-        messages,
-        live=True,
-        dropped=lambda: camera.dropped,
-        reopened=lambda: camera.reopened,
-        notes=notes,
+        camera.name, messages, live=True, dropped=lambda: camera.dropped, reopened=lambda: camera.reopened, notes=notes
     )

@@ -12,10 +12,7 @@ import numpy as np
 from vbaa_calib.antenna.materials import MATERIALS
 from vbaa_calib.calibrate.antenna.inputs import Observation
 from vbaa_calib.calibrate.antenna.problem import ANTENNA
-from vbaa_calib.calibrate.antenna.session_rig import (
-    bow_std_per_m,
-    nominal_parameters,
-)
+from vbaa_calib.calibrate.antenna.session_rig import bow_std_per_m, nominal_parameters
 from vbaa_calib.calibrate.antenna.settings import AntennaSettings
 from vbaa_calib.calibrate.pose.board_pose import solve_board_pose
 from vbaa_calib.calibrate.pose.fusion import fused

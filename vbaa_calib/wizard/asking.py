@@ -46,11 +46,7 @@ from vbaa_calib.wizard.store import ASIDE, FOLDERS, WAYS, AcceptedPicture, Store
 from vbaa_calib.wizard.ui import Interrupted, LivePicture, Ui
 
 _SHEET = "board.pdf"
-_VOIDS = {
-    "board": BOARD_ANSWERS,
-    "paper": [key for key in BOARD_ANSWERS if key != "board"],
-    "material": OF_MATERIAL,
-}
+_VOIDS = {"board": BOARD_ANSWERS, "paper": [key for key in BOARD_ANSWERS if key != "board"], "material": OF_MATERIAL}
 """Answers that another one makes void."""
 _JIG = {key for key in BY_KEY if key.startswith("jig_")} | {"board_thickness_mm"}
 

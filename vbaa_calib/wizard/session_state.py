@@ -63,10 +63,7 @@ _UNITS = {
         "density_kg_m3": ("density_kg_m3", 1.0),
     },
     "moment_sensor": {"std_Nm": ("moment_std_mNm", 1e-3)},
-    "load_readings": {
-        "distance_std_m": ("distance_std_mm", 1e-3),
-        "force_std_relative": ("mass_std_percent", 1e-2),
-    },
+    "load_readings": {"distance_std_m": ("distance_std_mm", 1e-3), "force_std_relative": ("mass_std_percent", 1e-2)},
 }
 """Section and key of session.yaml → the answer, and the size of its unit in SI."""
 

@@ -33,12 +33,7 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session
 from vbaa_calib.sources import Picture
 
-from .against_answers import (
-    antenna_diagnoses,
-    camera_place,
-    entries_that_show_it,
-    jig_refusal,
-)
+from .against_answers import antenna_diagnoses, camera_place, entries_that_show_it, jig_refusal
 from .questions import PICTURES, free_pose_deg
 from .session_state import SessionState, still_of
 
