@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from vbaa_calib.antenna.rod import Rod, RodShape, sample_shape, solve_rod
+from benchmarks.estimator.scenes import press
+from benchmarks.estimator.setup import GRAVITY_WORLD_M_S2 as GRAVITY_WORLD
+from benchmarks.estimator.setup import LENGTH_M, MASS_KG_M, RIG_STD, STIFFNESS_NM2, looking_pose
+from vbaa_calib.antenna.rod import Rod, RodShape, sample_shape
 from vbaa_calib.camera import Camera
+from vbaa_calib.core.robust import HUBER
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig
 
-LENGTH_M, STIFFNESS_NM2, MASS_KG_M = 0.24, 3.9e-3, 3.97e-3
-GRAVITY_WORLD = np.array([0.0, 0.0, -9.80665])
 MATRIX = np.array([[1004.0, 0.0, 476.5], [0.0, 1001.0, 363.2], [0.0, 0.0, 1.0]])
 BROWN = np.array([-0.182, 0.061, 0.0007, -0.0005])
-SIGMA_PX, TIP_PX = 0.03, 0.1
-
-RIG_STD = np.array([2e-4] * 3 + [5e-5] * 3 + [2e-5] * 2 + [2e-4] * 2 + [2e-3] * 2 + [1e-3, 1e-2, 1e-5] + [2e-3, 5e-6])
-"""Standard deviations of `RIG_PARAMETERS` after an ordinary calibration."""
+SIGMA_PX, TIP_PX, UNIT_N = 0.03, 0.1, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,34 +84,12 @@ class Frame:
 
 def camera_pose(incline_rad: float = 0.0, azimuth_rad: float = 0.0, away_m: float = 0.36) -> Pose:
     """A camera that looks at the antenna's middle, inclined from plane C's normal towards an azimuth from x."""
-    sin = np.sin(incline_rad)
-    toward = np.array([sin * np.cos(azimuth_rad), sin * np.sin(azimuth_rad), np.cos(incline_rad)])
-    x = np.array([1.0, 0.0, 0.0]) - toward[0] * toward
-    x /= np.linalg.norm(x)
-    return Pose(np.stack([x, np.cross(-toward, x), -toward], axis=1), np.array([0.12, 0.0, 0.0]) + away_m * toward)
+    return looking_pose(incline_rad, azimuth_rad, away_m)
 
 
 def gravity_antenna(tilt_rad: float, gravity_world: np.ndarray = GRAVITY_WORLD) -> np.ndarray:
     """(3,) gravity in the antenna frame at a tilt."""
     return Kinematics().T_world_antenna(0.0, tilt_rad).rotation.T @ gravity_world
-
-
-def press(rod: Rod, gravity: np.ndarray, contact_m: np.ndarray, lateral_N: np.ndarray) -> tuple[RodShape, np.ndarray]:
-    """Rods under forces without friction: lateral (B, 2) turned until they are normal to the antenna at the contact."""
-    size = np.linalg.norm(lateral_N, axis=1, keepdims=True)
-    force = np.concatenate([np.zeros_like(size), lateral_N], axis=1)
-    guess = None
-    for _ in range(4):
-        shape = solve_rod(rod, gravity, contact_m, force, guess)
-        if not size.any():
-            break
-        guess = shape.clamp_moment_Nm
-        tangent = sample_shape(shape, contact_m[:, None])[1][:, 0]
-        across = np.concatenate([np.zeros_like(size), lateral_N], axis=1)
-        across -= (across * tangent).sum(axis=1, keepdims=True) * tangent
-        norm = np.linalg.norm(across, axis=1, keepdims=True)
-        force = size * across / np.where(norm > 0, norm, 1.0)
-    return shape, force
 
 
 def seen(T_antenna_camera: Pose, points_m: np.ndarray) -> np.ndarray:
@@ -171,3 +150,36 @@ def pushing(direction_rad: float, tip_m: float, contact_m: float) -> np.ndarray:
 def blunt(world: World, **changes: float) -> World:
     """The same world with another moment sensor."""
     return replace(world, sensor=replace(world.sensor, **changes))
+
+
+Guess = tuple[Pose, RodShape, np.ndarray, np.ndarray]
+"""Camera pose, rod, force (3,) on it, and residuals of the readings in standard deviations."""
+
+
+def fitted(one: Frame, start: np.ndarray, at: Callable[[np.ndarray], Guess]) -> tuple[np.ndarray, np.ndarray, float]:
+    """Distance in lengths and force along y and z, N, by SciPy's least squares; their standard deviations; the cost.
+
+    start : distance, lateral force in `UNIT_N`, and steps of what is known beforehand in standard deviations. at : what
+    these make. The rod is solved for each, and seen by OpenCV: the fit's own model has no line in it.
+    """
+    places, steps = np.linspace(0.0, 1.0, 1500) * LENGTH_M, np.diag([1e-4] * 3 + [0.02] * (len(start) - 3))
+
+    def residuals(x: np.ndarray) -> np.ndarray:
+        T_antenna_camera, shape, _, read = at(x)
+        curve = seen(T_antenna_camera, along(shape, places))
+        nearest = cKDTree(curve).query(one.points_px)[1].clip(1, len(curve) - 2)
+        way, off = curve[nearest + 1] - curve[nearest - 1], one.points_px - curve[nearest]
+        across = (way[:, 0] * off[:, 1] - way[:, 1] * off[:, 0]) / np.linalg.norm(way, axis=1)
+        return np.concatenate([across / SIGMA_PX, read, x[3:]])
+
+    def touch(x: np.ndarray) -> np.ndarray:
+        return np.append(x[0], at(x)[2][1:])
+
+    def slopes(values: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
+        return np.stack([(values(x + step) - values(x - step)) / (2.0 * step.max()) for step in steps], axis=1)
+
+    robust = {"loss": "huber", "f_scale": HUBER, "x_scale": "jac", "max_nfev": 12}
+    found = least_squares(residuals, start, lambda x: slopes(residuals, x), **robust)
+    # SciPy's Jacobian is scaled by the roots of its own weights
+    root = slopes(touch, found.x) @ np.linalg.pinv(found.jac)
+    return touch(found.x), np.sqrt((root**2).sum(axis=1)), found.cost

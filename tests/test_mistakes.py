@@ -48,38 +48,25 @@ def check(found: Sequence[tuple[Mistake[Any], Outcome]]) -> None:
     assert all(mistake.must != DOUBTED or one.severity != "none" for mistake, one in found)
 
 
-class TestRecordings:
-    """As `estimate`, `live` and `batch` see them."""
-
-    def test_some_mistakes(self) -> None:
-        check(outcomes(RECORDED, QUICK[RECORDED]))
-
-    @pytest.mark.slow
-    def test_all_mistakes_on_all_rigs(self) -> None:
-        check(outcomes(RECORDED, every_case(RECORDED, 4)))
+@pytest.mark.parametrize("name", [RECORDED, TAKEN])
+def test_some_mistakes(name: str) -> None:
+    check(outcomes(name, QUICK[name]))
 
 
-class TestSessions:
-    """As `calibrate` and the wizard see them."""
-
-    def test_some_mistakes(self) -> None:
-        check(outcomes(TAKEN, QUICK[TAKEN]))
-
-    @pytest.mark.slow
-    def test_all_mistakes_on_all_rigs(self) -> None:
-        check(outcomes(TAKEN, every_case(TAKEN, 2)))
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "draws"), [(RECORDED, 4), (TAKEN, 2)])
+def test_all_mistakes_on_all_rigs(name: str, draws: int) -> None:
+    check(outcomes(name, every_case(name, draws)))
 
 
-class TestCleanMaterial:
+@pytest.mark.parametrize(
+    ("first", "count"), [(0, 2), pytest.param(2, 198, marks=pytest.mark.slow)], ids=["some", "many"]
+)
+def test_nothing_is_reported_of_clean_material(first: int, count: int) -> None:
     """Rigs unlike ours: 60 to 500 mm, 300 to 2,000 px, upright or inclined to 60°, steel or nitinol."""
-
-    @pytest.mark.parametrize(
-        ("first", "count"), [(0, 2), pytest.param(2, 198, marks=pytest.mark.slow)], ids=["some", "many"]
-    )
-    def test_nothing_is_reported(self, first: int, count: int) -> None:
-        found = [pair for seed in range(first, first + count) for pair in clean_pair((0, seed))]
-        assert [one for _, one in found if one.severity == "wrong"] == []
-        doubted = [(what, one) for what, one in found if one.severity == "doubt"]
-        assert len(doubted) <= MOST_DOUBTED * len(found), doubted
-        far = [(what, one) for what, one in found if one.worst_std > LOUD_STD]
-        assert len(far) <= 0.01 * len(found), far
+    found = [pair for seed in range(first, first + count) for pair in clean_pair((0, seed))]
+    assert [one for _, one in found if one.severity == "wrong"] == []
+    doubted = [(what, one) for what, one in found if one.severity == "doubt"]
+    assert len(doubted) <= MOST_DOUBTED * len(found), doubted
+    far = [(what, one) for what, one in found if one.worst_std > LOUD_STD]
+    assert len(far) <= 0.01 * len(found), far

@@ -14,17 +14,14 @@ from estimator import ContactEstimator
 from estimator.contact.contacts import Contacts
 from vbaa_calib.antenna.elastica import _planar_elastica as planar_elastica
 from vbaa_calib.antenna.elastica import normal_load
-from vbaa_calib.antenna.rod import STEPS_PER_SEGMENT, sample_shape
-from vbaa_calib.antenna.rod import _shape_of as shape_of
+from vbaa_calib.antenna.rod import Rod, RodShape, sample_shape, solve_rod
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.geometry import Pose
-from vbaa_calib.native import core
 from vbaa_calib.rig import RIG_PARAMETERS, Rig
 
-_TOLERANCE = 1e-10
-"""On the moment left at the tip in EI/L, and on the sine of the force's angle."""
-_DIFFERENCE, _ITERATIONS, _HALVINGS = -1e-7, 30, 8
+_TOLERANCE, _TURNS = 1e-10, 100
+"""Of the force's angle, rad; turns of the force until it stands."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,70 +83,42 @@ def elastica_shapes(rig: Rig, touches: Touches, arclength_m: np.ndarray) -> Shap
 
 def rod_shapes(rig: Rig, touches: Touches, arclength_m: np.ndarray) -> Shapes:
     """By the static rod, rigidly clamped. Raises SolveError naming the touch for which no equilibrium was found."""
-    rod = rod_of(rig)
-    size, toward = _size_and_direction(touches.push_N)
-    unit = rod.bending_stiffness_Nm2 / rod.length_m
-
-    # a straight antenna's moment, and a lean by the slope that the load alone would give
-    load = size * touches.distance_m**2 / bending_at(rig, touches.distance_m)
-    weight = rod.mass_kg * touches.gravity_m_s2
-    lean = touches.friction_rad + load / (2.0 + 0.5 * load)
-    force = size[:, None] * _leaning(lean, toward)
-    straight = np.cross(
-        rod.T_antenna_clamp.rotation[:, 0], touches.distance_m[:, None] * force + rod.length_m / 2 * weight
-    )
-    contact = np.where(touches.distance_m < rod.length_m, STEPS_PER_SEGMENT, 2 * STEPS_PER_SEGMENT)
-
-    def shot(x: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes (K, N, 4, 3) of touches (K,) in states (K, 4), clamp's moment and lean; what is left (K, 4) there."""
-        direction = _leaning(x[:, 3], toward[which])
-        columns = [touches.gravity_m_s2[which], size[which, None] * direction, touches.distance_m[which]]
-        nodes = core.antenna.shoot_rods(rod.numbers, np.column_stack(columns), unit * x[:, :3], STEPS_PER_SEGMENT)
-        angle = (direction * nodes[np.arange(len(x)), contact[which], 1]).sum(axis=1)
-        left = nodes[:, -1, 3] / unit
-        if rod.taper:  # from the tip on: how far the clamp's directors are off
-            reached, turn = nodes[:, 0, 1:3], rod.T_antenna_clamp.rotation
-            reached = np.concatenate([reached, np.cross(reached[:, 0], reached[:, 1])[:, None]], axis=1)
-            left = 0.5 * np.cross(reached, turn.T).sum(axis=1)
-        return nodes, np.column_stack([left, angle + np.sin(touches.friction_rad[which])])
-
-    state = np.concatenate([0.0 * straight if rod.taper else straight / unit, lean[:, None]], axis=1)
-    left = _solved(lambda x, which: shot(x, which)[1], state)
-    nodes = shot(state, np.arange(len(size)))[0]
-    if not (left <= _TOLERANCE).all():
-        worst = int(np.argmax(left))
-        raise SolveError(f"no equilibrium for a push of {size[worst]:.3g} N at {touches.distance_m[worst]:.4f} m")
-    force = size[:, None] * _leaning(state[:, 3], toward)
-    moment = nodes[:, 0, 3] + np.cross(rod.T_antenna_clamp.translation_m, force + weight)
-    shape = shape_of(rod, touches.distance_m, nodes, moment)
-    points = sample_shape(shape, np.broadcast_to(arclength_m, (len(size), len(arclength_m))))[0]
-    at = np.arange(len(size)), contact
-    return Shapes(points, nodes[*at, 0], force, -moment[:, 1], nodes[*at, 1])
+    gravity, distance = touches.gravity_m_s2, touches.distance_m
+    shape, force = press(rod_of(rig), gravity, distance, touches.push_N, touches.friction_rad)
+    at = np.broadcast_to(arclength_m, (len(distance), len(arclength_m)))
+    points, tangents = sample_shape(shape, np.column_stack([at, distance]))
+    return Shapes(points[:, :-1], points[:, -1], force, -shape.clamp_moment_Nm[:, 1], tangents[:, -1])
 
 
-def _solved(residual: Callable[[np.ndarray, np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
-    """Damped Newton with difference quotients on B systems (B, n), each by itself: overwrites x, returns what is left.
+def press(
+    rod: Rod,
+    gravity_m_s2: np.ndarray,
+    distance_m: np.ndarray,
+    push_N: np.ndarray,
+    friction_rad: np.ndarray | float = 0.0,
+) -> tuple[RodShape, np.ndarray]:
+    """B rods under gravity (B, 3) and forces (B, 3) of the sizes of `push_N` (B, 2) at arc lengths (B,); and these.
 
-    residual : (states (K, n), which of the systems they belong to (K,)) → (K, n).
+    Each force turns against x, in the plane of its push, until it is the angle of friction from the rod's normal there.
+    Raises SolveError where it does not come to rest.
     """
-    n, values = x.shape[1], residual(x, np.arange(len(x)))
-    size = np.abs(values).max(axis=1)
-    for _ in range(_ITERATIONS):
-        busy = np.flatnonzero(size > _TOLERANCE)
-        moved = (x[busy, None] + _DIFFERENCE * np.eye(n)).reshape(-1, n)
-        others = residual(moved, np.repeat(busy, n)).reshape(-1, n, n)
-        slopes = np.swapaxes(others - values[busy, None], 1, 2) / _DIFFERENCE
-        step = -np.einsum("bij,bj->bi", np.linalg.pinv(slopes), values[busy])
-        for halving in range(_HALVINGS):
-            trial = x[busy] + 0.5**halving * step
-            found = residual(trial, busy)
-            better = np.abs(found).max(axis=1) < size[busy]
-            at = busy[better]
-            x[at], values[at], size[at] = trial[better], found[better], np.abs(found[better]).max(axis=1)
-            busy, step = busy[~better], step[~better]
-        if not (size > _TOLERANCE).any():
-            break
-    return size
+    size, toward = _size_and_direction(push_N)
+    lean = before = friction_rad + 0.0 * size
+    last, guess = 0.0 * size, None
+    for _ in range(_TURNS):  # by secants, each force by itself
+        force = size[:, None] * _leaning(lean, toward)
+        shape = solve_rod(rod, gravity_m_s2, distance_m, force, guess)
+        tangent, guess = sample_shape(shape, distance_m[:, None])[1][:, 0], shape.clamp_moment_Nm
+        across = (tangent[:, 1:] * toward).sum(axis=1)
+        sine = np.sin(friction_rad) / np.hypot(tangent[:, 0], across)
+        missed = np.arctan2(across, tangent[:, 0]) + np.arcsin(np.clip(sine, -1.0, 1.0)) - lean
+        if (np.abs(missed)[size > 0.0] < _TOLERANCE).all():
+            return shape, force
+        step = lean - before
+        slope = np.divide(missed - last, step, out=np.full_like(step, -1.0), where=step != 0.0)
+        before, last, lean = lean, missed, lean - missed / np.minimum(slope, -0.2)
+    worst = int(np.argmax(np.abs(missed)))
+    raise SolveError(f"no equilibrium for a push of {size[worst]:.3g} N at {distance_m[worst]:.4f} m")
 
 
 def _leaning(lean_rad: np.ndarray, toward: np.ndarray) -> np.ndarray:

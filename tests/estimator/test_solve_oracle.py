@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import cv2
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
-from scipy.spatial import cKDTree
 
 from estimator.solver.rig_arrays import RigArrays
-from vbaa_calib.antenna.rod import RodShape
-from vbaa_calib.core.robust import HUBER
 from vbaa_calib.native import core
 
 from ..rod_scenes import (
@@ -20,57 +14,19 @@ from ..rod_scenes import (
     LENGTH_M,
     MATRIX,
     RIG_STD,
-    SIGMA_PX,
-    Frame,
+    UNIT_N,
+    Guess,
     World,
-    along,
     camera_pose,
+    fitted,
     frames,
     gravity_antenna,
     press,
     pushing,
-    seen,
 )
 from .test_uncertainty import solved
 
-WORLD, STD, UNIT_N = World(camera_pose(0.7, 0.8)), 0.3 * RIG_STD, 0.05
-
-
-def by_differences(values: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
-    """Derivatives (N, 20) of values (N,) at x (20,)."""
-    steps = np.diag([1e-4] * 3 + [0.02] * 17)
-    return np.stack([(values(x + step) - values(x - step)) / (2.0 * step.max()) for step in steps], axis=1)
-
-
-def fitted(one: Frame, start: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Distance in lengths and force along y and z, N, their standard deviations, and the cost.
-
-    Unknowns are the distance, a lateral force in `UNIT_N` and 17 steps of the rig in standard deviations; the rod is
-    solved for each, and seen by OpenCV: the fit's own model has no line in it.
-    """
-    places = np.linspace(0.0, 1.0, 1500) * LENGTH_M
-
-    def pressed(x: np.ndarray) -> tuple[World, RodShape, np.ndarray]:
-        moved = WORLD.moved(STD * x[3:])
-        return moved, *press(moved.rod, gravity_antenna(one.tilt_rad)[None], x[:1] * LENGTH_M, UNIT_N * x[None, 1:3])
-
-    def residuals(x: np.ndarray) -> np.ndarray:
-        moved, shape, _ = pressed(x)
-        curve = seen(moved.T_antenna_camera, along(shape, places))
-        nearest = cKDTree(curve).query(one.points_px)[1].clip(1, len(curve) - 2)
-        way, off = curve[nearest + 1] - curve[nearest - 1], one.points_px - curve[nearest]
-        across = (way[:, 0] * off[:, 1] - way[:, 1] * off[:, 0]) / np.linalg.norm(way, axis=1)
-        read = moved.sensor.gain * -shape.clamp_moment_Nm[0, 1] + moved.sensor.offset_Nm
-        return np.concatenate([across / SIGMA_PX, [(one.moment_Nm - read) / moved.sensor.std_Nm], x[3:]])
-
-    def touch(x: np.ndarray) -> np.ndarray:
-        return np.append(x[0], pressed(x)[2][0, 1:])
-
-    robust = {"loss": "huber", "f_scale": HUBER, "x_scale": "jac", "max_nfev": 12}
-    found = least_squares(residuals, start, lambda x: by_differences(residuals, x), **robust)
-    # SciPy's Jacobian is scaled by the roots of its own weights
-    root = by_differences(touch, found.x) @ np.linalg.pinv(found.jac)
-    return touch(found.x), np.sqrt((root**2).sum(axis=1)), found.cost
+WORLD, STD = World(camera_pose(0.7, 0.8)), 0.3 * RIG_STD
 
 
 @pytest.mark.parametrize(("contact", "roll", "tip_m"), [(0.55, 0.6, 0.02), (0.8, -1.2, 0.05)])
@@ -80,7 +36,14 @@ def test_scipy_ends_at_the_same_minimum(contact: float, roll: float, tip_m: floa
     steps = rng.normal(size=17)
     one = frames(WORLD.moved(STD * steps), [contact * LENGTH_M], [lateral.tolist()], [0.3], rng, points=100)[0]
     numbers = solved([one], WORLD.rig(STD))
-    touch, std, cost = fitted(one, np.array([contact, *lateral / UNIT_N, *steps]))
+
+    def at(x: np.ndarray) -> Guess:
+        moved = WORLD.moved(STD * x[3:])
+        shape, force = press(moved.rod, gravity_antenna(0.3)[None], x[:1] * LENGTH_M, UNIT_N * x[None, 1:3])
+        read = moved.sensor.gain * -shape.clamp_moment_Nm[:, 1] + moved.sensor.offset_Nm
+        return moved.T_antenna_camera, shape, force[0], (one.moment_Nm - read) / moved.sensor.std_Nm
+
+    touch, std, cost = fitted(one, np.array([contact, *lateral / UNIT_N, *steps]), at)
     answer = np.append(numbers.unknowns[0, 0], numbers.force_N[0, 1:])
     said = np.append(numbers.std[0, 0], np.sqrt(np.diag(numbers.covariance[0])[4:]))
     assert (np.abs(answer - touch) < 0.01 * std).all()

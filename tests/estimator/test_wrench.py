@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
-from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from estimator.solver.frames import frames_from_pixels
@@ -16,7 +13,6 @@ from estimator.solver.ladder import solve
 from estimator.solver.numbers import FitNumbers
 from estimator.solver.rig_arrays import RigArrays
 from vbaa_calib.antenna.rod import RodShape
-from vbaa_calib.core.robust import HUBER
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import MomentSensor, Rig, WrenchSensor
 from vbaa_calib.session import READINGS
@@ -25,18 +21,19 @@ from ..rod_scenes import (
     LENGTH_M,
     RIG_STD,
     SIGMA_PX,
+    UNIT_N,
     Frame,
+    Guess,
     World,
-    along,
     camera_pose,
+    fitted,
     frames,
     gravity_antenna,
     press,
     pushing,
-    seen,
 )
 
-WORLD, UNIT_N, FORCE_N, MOMENT_NM = World(camera_pose(0.7, 0.8)), 0.05, 1e-3, 2e-5
+WORLD, FORCE_N, MOMENT_NM = World(camera_pose(0.7, 0.8)), 1e-3, 2e-5
 MOUNTED = Pose(Rotation.from_rotvec([0.4, -1.2, 0.3]).as_matrix(), np.array([-0.012, 0.004, 0.003]))
 ALL = tuple(READINGS)
 
@@ -104,41 +101,6 @@ def pressed(world: World, one: Frame, distance: float, push_N: np.ndarray) -> tu
     return shape, force[0], np.concatenate([force[0] + weight, shape.clamp_moment_Nm[0]])
 
 
-def by_differences(values: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
-    steps = np.diag([1e-4] * 3 + [0.02] * (len(x) - 3))
-    return np.stack([(values(x + step) - values(x - step)) / (2.0 * step.max()) for step in steps], axis=1)
-
-
-def fitted(
-    one: Frame, readings: np.ndarray, sensor: Sensor, std: np.ndarray, start: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Distance in lengths, force along y and z, and their standard deviations: unknowns are distance, lateral force
-    and the steps of rig and sensor in standard deviations."""
-    places, whole = np.linspace(0.0, 1.0, 1500) * LENGTH_M, np.concatenate([std[:15], sensor.parameter_std])
-
-    def at(x: np.ndarray) -> tuple[World, Sensor, RodShape, np.ndarray, np.ndarray]:
-        step = whole * x[3:]
-        moved = WORLD.moved(np.append(step[:15], np.zeros(2)))
-        return moved, sensor.moved(step[15:]), *pressed(moved, one, x[0], UNIT_N * x[1:3])
-
-    def residuals(x: np.ndarray) -> np.ndarray:
-        moved, reads, shape, _, load = at(x)
-        curve = seen(moved.T_antenna_camera, along(shape, places))
-        nearest = cKDTree(curve).query(one.points_px)[1].clip(1, len(curve) - 2)
-        way, off = curve[nearest + 1] - curve[nearest - 1], one.points_px - curve[nearest]
-        across = (way[:, 0] * off[:, 1] - way[:, 1] * off[:, 0]) / np.linalg.norm(way, axis=1)
-        read = (readings - reads.read(load[:3], load[3:])) / sensor.std
-        return np.concatenate([across / SIGMA_PX, read, x[3:]])
-
-    def touch(x: np.ndarray) -> np.ndarray:
-        return np.append(x[0], at(x)[3][1:])
-
-    robust = {"loss": "huber", "f_scale": HUBER, "x_scale": "jac", "max_nfev": 12}
-    found = least_squares(residuals, start, lambda x: by_differences(residuals, x), **robust)
-    root = by_differences(touch, found.x) @ np.linalg.pinv(found.jac)
-    return touch(found.x), np.sqrt((root**2).sum(axis=1))
-
-
 def solved(several: list[Frame], readings: np.ndarray, rig: Rig, sensor: Sensor) -> FitNumbers:
     """What the core says; readings (B, C) of the sensor's components."""
     every = np.full((len(several), len(READINGS)), np.nan)
@@ -166,7 +128,16 @@ def test_scipy_ends_at_the_same_minimum(components: tuple[str, ...], contact: fl
     reads = sensor.moved(sensor.parameter_std * steps[15:])
     readings = reads.read(load[:3], load[3:]) + sensor.std * rng.normal(size=len(components))
     numbers = solved([one], readings[None], sensor.rig(std), sensor)
-    touch, deviations = fitted(one, readings, sensor, std, np.array([contact, *lateral / UNIT_N, *steps]))
+    whole = np.concatenate([std[:15], sensor.parameter_std])
+
+    def at(x: np.ndarray) -> Guess:
+        step = whole * x[3:]
+        moved = WORLD.moved(np.append(step[:15], np.zeros(2)))
+        shape, force, load = pressed(moved, one, x[0], UNIT_N * x[1:3])
+        read = sensor.moved(step[15:]).read(load[:3], load[3:])
+        return moved.T_antenna_camera, shape, force, (readings - read) / sensor.std
+
+    touch, deviations, _ = fitted(one, np.array([contact, *lateral / UNIT_N, *steps]), at)
     answer = np.append(numbers.unknowns[0, 0], numbers.force_N[0, 1:])
     said = np.append(numbers.std[0, 0], np.sqrt(np.diag(numbers.covariance[0])[4:]))
     assert (np.abs(answer - touch) < 0.02 * deviations).all()
