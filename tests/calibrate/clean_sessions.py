@@ -11,10 +11,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from vbaa_calib.antenna.rod import solve_rod
-from vbaa_calib.calibrate.antenna.inputs import Observation, Prior, reading_keys
+from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
 from vbaa_calib.calibrate.antenna.session_rig import make_rig, prior, solve_antenna
 from vbaa_calib.calibrate.check.antenna import check_antenna, check_stills
 from vbaa_calib.calibrate.doubts import _row_doubts as row_doubts
@@ -26,30 +24,20 @@ from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import MomentSensor, Rig
 from vbaa_calib.session import DRIFTS, Drift, Load, LoadReadings, Session, Still
 
-from ..rod_scenes import BROWN, LENGTH_M, MATRIX, STIFFNESS_NM2, TIP_PX, World, along, camera_pose, seen
+from ..rod_scenes import BROWN, LENGTH_M, MATRIX, STIFFNESS_NM2, World, camera_pose
 from .checked_rigs import LENS_STD
-from .still_faults import NOMINAL, session
-
-_SIZE = (960, 720)
-_RULER = LoadReadings(5e-4, 5e-3)
+from .still_faults import NOMINAL, SIZE, WEIGHED, Faults, observed, session
 
 
 @dataclass(frozen=True, eq=False)
 class CleanSession:
-    """A session, what was seen of its stills, and what was known before; the rig as it is.
-
-    line_px : what moves the line of each picture. light_px : (3,) and that of all pictures alike.
-    tip_m : how far beyond the antenna's length its visible end lies.
-    """
+    """A session, what was seen of its stills, and what was known before; the rig as it is, and errors that are none."""
 
     session: Session
     observations: Sequence[Observation]
     before: Prior
     world: World
-    sigma_px: float
-    line_px: float
-    light_px: np.ndarray
-    tip_m: float
+    errors: Faults
 
 
 def clean_session(seed: int) -> CleanSession:
@@ -61,16 +49,15 @@ def clean_session(seed: int) -> CleanSession:
     line_px = float(rng.choice([0.0, 0.003, 0.01, 0.03]))
     told = replace(
         session(),
-        load_readings=_RULER,
+        load_readings=WEIGHED,
         moment_std_Nm=world.sensor.std_Nm,
         drift=replace(DRIFTS["lab"], line_px=line_px),
     )
     stills = [*_free(rng, int(rng.integers(2, 7))), *_loads(rng, view.rotation[:, 2], int(rng.integers(2, 13)))]
     before, sigma_px, light_px = _before(world, rng, told.drift), rng.uniform(0.03, 0.15), 0.015 * rng.normal(size=3)
-    drawn = CleanSession(
-        told, (), before, world, sigma_px, line_px, light_px, (NOMINAL.tip_std_m or 0.0) * rng.normal()
-    )
-    return replace(drawn, observations=_observed(drawn, stills, rng))
+    tip_m = (NOMINAL.tip_std_m or 0.0) * rng.normal()
+    errors = Faults(points=0, sigma_px=sigma_px, line_px=line_px, light_px=light_px, tip_m=tip_m)
+    return CleanSession(told, observed(world, stills, rng, errors), before, world, errors)
 
 
 def _careful_world(world: World, rng: np.random.Generator) -> World:
@@ -121,54 +108,16 @@ def _before(world: World, rng: np.random.Generator, drift: Drift) -> Prior:
         off = LENS_STD[:8] * rng.normal(size=8)
         matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += off[:4]
         distortion, covariance = BROWN + off[4:], np.diag(LENS_STD[:8] ** 2)
-    camera = Camera("opencv", _SIZE, matrix, distortion, covariance)
+    camera = Camera("opencv", SIZE, matrix, distortion, covariance)
     estimate = PoseEstimate("jig", start, np.diag(std**2), np.zeros((6, 8)))
-    return prior(NOMINAL, camera, [estimate], readings=_RULER, drift=drift)
-
-
-def _observed(drawn: CleanSession, stills: Sequence[Still], rng: np.random.Generator) -> list[Observation]:
-    """What camera and sensor see of the stills, by the static rod."""
-    world, gravity = drawn.world, drawn.session.gravity_antenna(stills)
-    contact, force, errors = np.full(len(stills), 0.1), np.zeros((len(stills), 3)), dict[tuple[str, str], float]()
-    for index, still in enumerate(stills):
-        if isinstance(still, Load):
-            off = [errors.setdefault(key, rng.normal()) for key in reading_keys(still)]
-            contact[index] = min(still.distance_m + _RULER.distance_std_m * off[0], LENGTH_M)
-            weight = np.exp(_RULER.force_std_relative * off[1])
-            force[index] = weight * np.array([0.0, still.force_y_N, still.force_z_N])
-    give, stiffness = world.parameters[8], np.exp(world.parameters[6])
-    # the clamp gives way to the moment: the rod and its loads as one, turned
-    bent = solve_rod(world.rod, gravity, contact, force)
-    held = Rotation.from_rotvec(give / stiffness * bent.clamp_moment_Nm * [0.0, 1.0, 1.0])
-    bent = solve_rod(world.rod, held.inv().apply(gravity), contact, held.inv().apply(force))
-    clamp = np.append(0.0, world.parameters[:2])
-    s, sensor, found = np.linspace(0.01, 1.0, int(rng.integers(80, 400))) * LENGTH_M, world.sensor, []
-    for index, still in enumerate(stills):
-        pixels = seen(world.T_antenna_camera, clamp + held[index].apply(along(bent, s, index) - clamp))
-        off_px = drawn.light_px + drawn.line_px * rng.normal(size=3)
-        line = np.polynomial.legendre.legval(np.linspace(-1, 1, len(s)), off_px)
-        way = np.gradient(pixels, axis=0)
-        onward = way / np.linalg.norm(way, axis=1)[:, None]
-        across = np.column_stack([-onward[:, 1], onward[:, 0]])
-        px_per_m = np.linalg.norm(way[-1]) / (s[-1] - s[-2])
-        tip = pixels[-1] + drawn.tip_m * px_per_m * onward[-1] + rng.normal(0.0, TIP_PX, 2)
-        pixels = pixels + line[:, None] * across + rng.normal(0.0, drawn.sigma_px, pixels.shape)
-        inside = ((pixels > 1) & (pixels < np.array(_SIZE) - 2)).all(axis=1)
-        seen_tip = {"tip_px": tip, "tip_std_px": TIP_PX} if inside[-1] else {}
-        moment = -held[index].apply(bent.clamp_moment_Nm[index])[1]
-        read = sensor.gain * moment + sensor.offset_Nm + rng.normal(0.0, sensor.std_Nm)
-        noted = replace(still, moment_Nm=float(read))
-        found.append(
-            Observation(noted, pixels[inside], np.full(inside.sum(), drawn.sigma_px), gravity[index], **seen_tip)
-        )
-    return found
+    return prior(NOMINAL, camera, [estimate], readings=WEIGHED, drift=drift)
 
 
 def again(drawn: CleanSession, seed: int) -> list[Observation]:
     """The same rig a month later, unchanged: new stills, noise and readings."""
     rng = np.random.default_rng((21, seed))
     sight = drawn.world.T_antenna_camera.rotation[:, 2]
-    return _observed(drawn, [*_free(rng, 3), *_loads(rng, sight, 6)], rng)
+    return observed(drawn.world, [*_free(rng, 3), *_loads(rng, sight, 6)], rng, drawn.errors)
 
 
 def said(drawn: CleanSession) -> tuple[list[str], Rig]:
@@ -181,7 +130,7 @@ def said(drawn: CleanSession) -> tuple[list[str], Rig]:
     return [f"{one.name}: {one}" for one in found if one.severity != "note"], rig
 
 
-def checked(rig: Rig, observations: Sequence[Observation], readings: LoadReadings = _RULER) -> list[str]:
+def checked(rig: Rig, observations: Sequence[Observation], readings: LoadReadings = WEIGHED) -> list[str]:
     """What `vbaa check` answers to stills of an unchanged rig, where it is not "holds"."""
     answers = check_antenna(rig, check_stills(rig, observations, readings), camera_known=True)[0]
     return [f"{one.name}: {one.level}, {one.words}" for one in answers if one.is_bad]
