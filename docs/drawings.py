@@ -117,7 +117,7 @@ def idea() -> Sheet:
     sheet.text(486, 196, "contact point", ORANGE)
     sheet.measure((152, 206), (456, 160), "distance l along the antenna: where", (150, 160))
     sheet.text(704, 82, "tip", BLUE)
-    sheet.text(560, 246, "free (undeformed) antenna", GREY, size=13)
+    sheet.text(540, 222, "free (undeformed) antenna", GREY, size=13)
     camera(sheet, 330, 44, -4)
     for x, y in ((170, 222), (470, 178), (686, 82)):
         sheet.line((332, 82), (x, y), colour=GREY, width=1, dash="2 5")
@@ -125,7 +125,7 @@ def idea() -> Sheet:
     sheet.text(20, 296, "moment sensor: the bending", GREEN)
     sheet.text(20, 314, "moment at the clamp", GREEN)
     sheet.line((70, 280), (76, 254), colour=GREEN, arrow=True)
-    sheet.text(300, 304, "plane C: a plane through the free antenna, on which pixels become millimetres", GREY, size=13)
+    sheet.text(268, 304, "plane C: a plane through the free antenna, on which pixels become millimetres", GREY, size=13)
     sheet.text(
         20,
         346,
@@ -145,9 +145,9 @@ def rig() -> Sheet:
     camera(sheet, 180, 100, -38)
     sheet.line((202, 128), (196, 318), colour=GREY, width=1, dash="2 5")
     sheet.line((204, 126), (690, 336), colour=GREY, width=1, dash="2 5")
-    sheet.measure((228, 148), (402, 322), "200 to 400 mm", (330, 232))
+    sheet.measure((228, 148), (402, 322), "200 to 400 mm", (214, 264))
     sheet.measure((190, 382), (640, 382), "antenna: 150 to 300 mm long, 0.5 to 1 mm thick", (230, 402))
-    sheet.text(205, 88, "camera, lens locked with tape or a screw")
+    sheet.text(222, 88, "camera, lens locked with tape or a screw")
     sheet.text(16, 222, "stiff post", INK)
     sheet.text(580, 240, "leave a tenth of the", GREY, size=13)
     sheet.text(580, 256, "picture free beyond the tip", GREY, size=13)
@@ -169,7 +169,7 @@ def jig() -> Sheet:
     sheet.box(165, 318, 130, 22, "#f1e3cf")
     sheet.box(150, 236, 30, 104, "#f1e3cf")
     sheet.dot(170, 200)
-    sheet.text(176, 190, "clamp (0, 0, 0)", ORANGE)
+    sheet.text(184, 220, "clamp (0, 0, 0)", ORANGE, size=13)
     sheet.dot(290, 60)
     sheet.text(200, 44, "first corner of the board's outline", ORANGE)
     sheet.measure((170, 130), (290, 130), "x", (222, 122))
@@ -190,7 +190,7 @@ def bench() -> Sheet:
         """x to the right, the second axis up or down, the third towards who looks (a dot) or away (a cross)."""
         sheet.line((x, y), (x + 58, y), colour=colour, width=3, arrow=True)
         sheet.line((x, y), (x, y + (58 if down else -58)), colour=colour, width=3, arrow=True)
-        sheet.text(x + 62, y + 5, names[0], colour)
+        sheet.text(x + 50, y - 9, names[0], colour)
         sheet.text(x + 8, y + (58 if down else -48), names[1], colour)
         sheet.shapes.append(f'<circle cx="{x:g}" cy="{y:g}" r="8" fill="#ffffff" stroke="{colour}" stroke-width="2"/>')
         if names[3:]:
@@ -209,10 +209,10 @@ def bench() -> Sheet:
     tripod(300, 70, "xyz", GREEN, down=True)
     sheet.text(210, 58, "board", GREEN, "end")
     sheet.text(20, 262, "antenna: z towards the camera (dot)", ORANGE, size=14)
-    sheet.text(600, 64, "origin: top left corner,", GREEN, size=14)
-    sheet.text(600, 82, "the print upright; z away", GREEN, size=14)
-    sheet.text(600, 100, "from the camera (cross)", GREEN, size=14)
-    sheet.text(690, 156, "pan +: tip to +y", INK, "end")
+    sheet.text(600, 56, "origin: top left corner,", GREEN, size=14)
+    sheet.text(600, 74, "the print upright; z away", GREEN, size=14)
+    sheet.text(600, 92, "from the camera (cross)", GREEN, size=14)
+    sheet.text(700, 122, "pan +: tip to +y", INK, "middle")
     sheet.line((700, 182), (700, 130), colour=INK, arrow=True)
     sheet.text(20, 324, "From the side", INK, size=16)
     base(sheet, 190, 440)
@@ -225,7 +225,7 @@ def bench() -> Sheet:
     sheet.text(596, 512, "back: z is measured to it", GREY, size=14)
     sheet.measure((282, 440), (282, 504), "z < 0", (236, 486))
     sheet.line((700, 432), (700, 380), colour=INK, arrow=True)
-    sheet.text(690, 404, "tilt +: tip to +z", INK, "end")
+    sheet.text(684, 404, "tilt +: tip to +z", INK, "end")
     sheet.text(620, 462, "f_z > 0: pushed to +z", ORANGE)
     sheet.text(
         20,
@@ -326,7 +326,7 @@ def sign() -> Sheet:
     base(sheet, 170, 190)
     sheet.path("M170 190C330 190 450 178 640 96", BLUE, 4)
     sheet.line((520, 246), (520, 162), colour=ORANGE, width=3, arrow=True)
-    sheet.text(532, 240, "f_z > 0: the object pushes towards +z", ORANGE)
+    sheet.text(532, 240, "f_z > 0: the object pushes towards +z", ORANGE, size=14)
     sheet.measure((172, 206), (514, 206), "l", (340, 224))
     sheet.path("M214 214A46 46 0 0 0 196 148", GREEN, 3, arrow=True)
     sheet.text(226, 152, "moment + l·f_z: this is taken", GREEN)
