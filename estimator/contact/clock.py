@@ -258,11 +258,7 @@ def _clock_offset(
 
 
 def _followed(
-    estimator: ContactEstimator,
-    several: Sequence[Measured],
-    readings: _Readings,
-    noise_Nm: float,
-    farthest_s: float,
+    estimator: ContactEstimator, several: Sequence[Measured], readings: _Readings, noise_Nm: float, farthest_s: float
 ) -> _ClockOffset:
     """The offset of any readings that are proportional to the bending, with their noise. Raises InputError."""
     windows = _windows(estimator, several, np.full(len(several), np.nan))
@@ -303,11 +299,7 @@ def _followed(
 
 
 def _refined(
-    estimator: ContactEstimator,
-    several: Sequence[Measured],
-    readings: _Readings,
-    offset_s: float,
-    noise_Nm: float,
+    estimator: ContactEstimator, several: Sequence[Measured], readings: _Readings, offset_s: float, noise_Nm: float
 ) -> tuple[float, float, _Windows]:
     """The unexplained fraction of the moment's variation, the offset and the windows, starting from an approximate
     offset."""

@@ -110,10 +110,7 @@ class Contacts(Rows, ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequen
         own = bias[np.arange(count), self.numbers.rung]
         at_rest = True if self.moving is None else self.moving == ""
         return ContactTable.of(
-            self,
-            **frames,
-            reason=np.array(words, object),
-            bias_std=np.where(np.isfinite(own) & at_rest, own, np.nan),
+            self, **frames, reason=np.array(words, object), bias_std=np.where(np.isfinite(own) & at_rest, own, np.nan)
         )
 
     @staticmethod

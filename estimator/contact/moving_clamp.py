@@ -397,11 +397,7 @@ def estimate_antennas(
 
 
 def _estimated(
-    name: str,
-    track: _ClampTrack,
-    frames: Sequence[Frame],
-    several: Iterator[Measured],
-    how: tuple[str, float],
+    name: str, track: _ClampTrack, frames: Sequence[Frame], several: Iterator[Measured], how: tuple[str, float]
 ) -> Iterator[FrameContact]:
     """The contacts of one antenna's frames, in order."""
     beam = Beam.of(track.rig)

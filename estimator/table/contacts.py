@@ -108,14 +108,12 @@ class _Common(Generic[Number, Flag, Text]):
     )
     moment_residual_Nm: Number = _column("N·m", "measured moment minus the fitted contact's; empty without a reading")
     friction_angle_rad: Number = _column(
-        "rad",
-        "the force's angle from the antenna's normal, positive towards the clamp; about 0 if undetermined",
+        "rad", "the force's angle from the antenna's normal, positive towards the clamp; about 0 if undetermined"
     )
     friction_angle_std_rad: Number = _column("rad", "its standard deviation; `--friction` if undetermined")
     friction_prior_rad: Number = _column("rad", "standard deviation of the friction angle beforehand: `--friction`")
     evidence: Number = _column(
-        "–",
-        "half the difference of the sums of squares of free and touched antenna; above 14 there is contact",
+        "–", "half the difference of the sums of squares of free and touched antenna; above 14 there is contact"
     )
     condition: Number = _column("–", "condition number of the information on distance, force and friction")
 

@@ -67,10 +67,7 @@ def check_format(path: Path) -> None:
 
 @gate
 def write_contacts(
-    path: Path,
-    rows: Iterable[ContactRow | ContactTable],
-    force: bool = False,
-    about: dict[bytes, bytes] | None = None,
+    path: Path, rows: Iterable[ContactRow | ContactTable], force: bool = False, about: dict[bytes, bytes] | None = None
 ) -> None:
     """Write one or more rows, completely or not at all, as Parquet or CSV (nine digits) by the suffix.
 
@@ -336,9 +333,7 @@ def _in_order(table: ContactTable) -> bool:
 
 
 def rewrite_contacts(
-    path: Path,
-    changed: Callable[[int, str, str], tuple[str, str]],
-    about: dict[bytes, bytes] | None = None,
+    path: Path, changed: Callable[[int, str, str], tuple[str, str]], about: dict[bytes, bytes] | None = None
 ) -> None:
     """Change status and reason of rows in a file of `write_contacts`, completely or not at all, row by row.
 

@@ -128,10 +128,7 @@ def _bending_view(views: Sequence[BoardView], solution: LensSolution, spec: Boar
 
 
 def _changed_at_an_end(
-    usable: Sequence[BoardView],
-    contradicting: Sequence[str],
-    solution: LensSolution,
-    spec: Board | BoardPoints,
+    usable: Sequence[BoardView], contradicting: Sequence[str], solution: LensSolution, spec: Board | BoardPoints
 ) -> Diagnosis | None:
     """Whether the first or the last views (two or more) contradict the others but fit the lens with another focal
     length and principal point: a change of the lens so large that the robust fit drops them."""

@@ -208,12 +208,7 @@ class Witness:
     before: Prior
 
     @staticmethod
-    def of(
-        session: Session,
-        kinematics: Kinematics,
-        observations: Sequence[Observation],
-        before: Prior,
-    ) -> Witness:
+    def of(session: Session, kinematics: Kinematics, observations: Sequence[Observation], before: Prior) -> Witness:
         """The witness of observations as reported. Raises SolveError."""
         prior_std = before.std.copy()
         nominal = AntennaSettings.nominal_std, AntennaSettings.log_mass_std
@@ -401,11 +396,7 @@ class Witness:
         return cost if np.isfinite(cost) else np.inf
 
     def _augmented(
-        self,
-        now: Linearised,
-        alter: Alteration,
-        std: np.ndarray,
-        slopes: Callable[[np.ndarray], np.ndarray] | None,
+        self, now: Linearised, alter: Alteration, std: np.ndarray, slopes: Callable[[np.ndarray], np.ndarray] | None
     ) -> Linearised | None:
         """The linearised problem as reported, with the values of an alteration (zero there) as further parameters;
         without values, with the alteration's misfits."""

@@ -56,9 +56,7 @@ def _panned_x(pan_rad: np.ndarray) -> np.ndarray:
     return np.stack([np.cos(pan_rad), np.sin(pan_rad), np.zeros_like(pan_rad)], axis=-1)
 
 
-def _central_differences(
-    ends: Iterable[Iterable[tuple[np.ndarray, np.ndarray]]],
-) -> tuple[np.ndarray, np.ndarray]:
+def _central_differences(ends: Iterable[Iterable[tuple[np.ndarray, np.ndarray]]]) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of rotations (K, B, 3, 3) and translations (K, B, 3) from their values at one `_STEP` below and
     above."""
     moved = [[(up - down) / (2 * _STEP) for down, up in zip(*each, strict=True)] for each in ends]

@@ -158,11 +158,7 @@ def plan(scene: SceneSpec, readout: float = 0.0) -> Plan:
     noload, noload_rows, noload_truth = _held(scene, rod, scene.noload, "noload", noise)
     loads, load_rows, load_truth = _held(scene, rod, scene.loads, "loads", noise)
     frames, frame_rows, frame_truth = _recording(scene, rod, noise, readout)
-    tables = {
-        "noload/noload.csv": noload_rows,
-        "loads/loads.csv": load_rows,
-        "recording/recording.csv": frame_rows,
-    }
+    tables = {"noload/noload.csv": noload_rows, "loads/loads.csv": load_rows, "recording/recording.csv": frame_rows}
     truths = {"noload": noload_truth, "loads": load_truth, "frames": frame_truth}
     truth = _rig_truth(scene, rod) | {"T_camera_board": [pose.to_dict() for pose in poses]} | truths
     planned = Plan([*boards, *noload, *loads, *frames], tables, truth)

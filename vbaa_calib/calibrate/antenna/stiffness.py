@@ -376,10 +376,7 @@ class StiffnessSolution:
 
 
 def solve_stiffness(
-    table: DeflectionTable,
-    *,
-    offset: bool = True,
-    clamp_share_std: float = AntennaSettings.clamp_share_std,
+    table: DeflectionTable, *, offset: bool = True, clamp_share_std: float = AntennaSettings.clamp_share_std
 ) -> StiffnessSolution:
     """EI of the rod of a table.
 

@@ -27,14 +27,7 @@ from vbaa_calib.core.errors import VbaaError
 from vbaa_calib.core.least_squares import without_own
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Kinematics, Pose
-from vbaa_calib.session import (
-    STANDARD_GRAVITY_M_S2,
-    Load,
-    LoadReadings,
-    Session,
-    Still,
-    gravity_antenna,
-)
+from vbaa_calib.session import STANDARD_GRAVITY_M_S2, Load, LoadReadings, Session, Still, gravity_antenna
 
 from .settings import GuideSettings
 from .suggestion import visible_corners

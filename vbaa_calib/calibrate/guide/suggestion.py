@@ -185,11 +185,7 @@ def _lattice(spec: BoardWithIds) -> tuple[np.ndarray, np.ndarray, float]:
 
 def _observation(ids: np.ndarray, spec: BoardWithIds) -> BoardCorners:
     """Corners of these ids (N,) with pixels 0, for derivatives alone."""
-    return BoardCorners(
-        corner_points(spec)[ids],
-        np.zeros((len(ids), 2)),
-        deformations(corner_points(spec))[ids],
-    )
+    return BoardCorners(corner_points(spec)[ids], np.zeros((len(ids), 2)), deformations(corner_points(spec))[ids])
 
 
 def _seen_as(camera: Camera, T_camera_board: Pose, spec: BoardWithIds) -> _BoardPlace:

@@ -162,13 +162,7 @@ def refine(
     # each number of lens and shape is part of one unknown, or kept
     column = np.where(directions.any(axis=1), directions.argmax(axis=1) if directions.size else 0, -1)
     lens, shape, poses, residuals = core.bundle.descend(start.state, corners, column, start.priors, rules, robust)
-    return replace(
-        start,
-        intrinsics=lens,
-        shape=shape,
-        poses=poses,
-        residuals_px=of_views(residuals, corners.bounds),
-    )
+    return replace(start, intrinsics=lens, shape=shape, poses=poses, residuals_px=of_views(residuals, corners.bounds))
 
 
 def of_views(values: np.ndarray, bounds: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -50,11 +50,7 @@ class Touch:
 
 
 def touch(
-    rod: Rod,
-    antenna_radius_m: float,
-    obj: TouchObject,
-    T_world_antenna: Sequence[Pose],
-    gravity_world_m_s2: np.ndarray,
+    rod: Rod, antenna_radius_m: float, obj: TouchObject, T_world_antenna: Sequence[Pose], gravity_world_m_s2: np.ndarray
 ) -> Touch:
     """The antenna pressed against the object, in every frame of one stroke.
 
