@@ -16,12 +16,15 @@ class DetectionSettings:
     diagonals: float = 0.25  # share of nearest neighbours that are so, from which on the grid is one
     agreed: float = 0.8  # share of the pictures that must see a pair alike
 
+    threshold_px: int = 13  # side of the surroundings that a marker's black stands out from, tried first
+    least_room_px: float = 3.0  # around a marker to the picture's edges, with which it can be found
+
     # corners: how they are found and refined
     workers: int = 2  # threads
     few_corners: int = 6  # of a view, least that counts as found
     found: float = 0.3  # share of the pictures with so many from which on the board counts as found
     window_per_gap: float = 0.9  # half window over the room around a corner
-    smallest_window_px: int = 4
+    smallest_window_px: int = 3  # half window
     largest_window_px: int = 10
     smoothing_px: float = 1.0  # of a picture in which corners are refined, σ: sharp edges lock them to the pixels
     furthest_px: float = 1.5  # step of a corner that is refined, longest
