@@ -200,11 +200,11 @@ inline Lanes cos(const Lanes& values) {
 
 // The whole numbers below, or at, eight numbers that are not negative.
 inline Lanes truncated(const Lanes& values, int* whole) {
-    for (int lane = 0; lane < LANES; ++lane) whole[lane] = static_cast<int>(values[lane]);
+    using Whole [[gnu::vector_size(Lanes::VECTOR / 2)]] = int;
     return Lanes::each([&](int k) {
-        Lanes::Part part;
-        for (int lane = 0; lane < Lanes::WIDTH; ++lane) part[lane] = whole[k * Lanes::WIDTH + lane];
-        return part;
+        const Whole part = __builtin_convertvector(values.parts[k], Whole);
+        std::memcpy(whole + k * Lanes::WIDTH, &part, sizeof part);
+        return __builtin_convertvector(part, Lanes::Part);
     });
 }
 

@@ -8,7 +8,7 @@
 
 namespace vbaa::detect {
 
-constexpr int PER_PX = 32;              // rows of a tabled shape per pixel
+constexpr int PER_PX = 16;              // rows of a tabled shape per pixel
 constexpr double PIXEL_BLUR_PX = 0.29;  // a pixel's own square, as a standard deviation
 constexpr double MAX_TAPER = 0.6;       // part by which the line may be broader at one end than at the other
 constexpr double DISTURBED_RMS = 1.8;   // residuals over the noise from which a profile shows something else, too

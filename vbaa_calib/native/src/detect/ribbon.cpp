@@ -17,8 +17,8 @@ constexpr int SHARED = COLUMNS - ALONE;  // columns that are left when a profile
 constexpr int AT_PLACE = PLACE - ALONE, AT_LEVEL = LEVEL - ALONE, CHANGES = 3;  // width, blur, taper
 constexpr double PIECE_PX = 60.0;                                               // of the course
 constexpr int LEAST_PIECES = 4, MOST_PIECES = 12, LEAST_KNOTS = 6, MOST_KNOTS = 41;
-constexpr int SOME = 100;            // profiles that are enough until the last rounds
-constexpr int LAST_ROUNDS = 1;       // with all profiles
+constexpr int SOME = 100;            // profiles that are enough until the last round
+constexpr double KNOWN = 0.2;        // of a size, as if so many profiles showed it as it is supposed to be
 constexpr int GIVEN = 2;             // rounds with the initial priors of the shades
 constexpr double FREED = 6.0;        // unknowns of a profile
 constexpr double LEAST_NOISE = 0.3;  // grey levels: their rounding
@@ -32,18 +32,44 @@ constexpr int FAR_PX = 64;           // distances from its edge at which the bac
 constexpr double MORE_SPREAD = 1.7;  // of normal numbers' variance over that with the weights of pixels
 constexpr int EDGES = 3;             // that are tried in its place
 constexpr int PATTERN = 32;          // distances from its centre at which residuals are compared along it
+constexpr double PULLING_PX = 2.0;   // beyond its edge, in which those pull it
 constexpr double FAINTEST = 0.15;    // of the strongest channel's contrast
 constexpr double FINEST = 20.0;      // px that a bend's standard deviation refers to
-constexpr double SAME_PX = 3e-3;     // of width and blur, within which a table of shades serves
 
 using Unknowns = std::array<Lanes, COLUMNS*(COLUMNS + 1) / 2>;
 constexpr int at(int i, int j) { return i * (i + 1) / 2 + j; }  // j ≤ i
 
-// A profile's equations in one channel, without its own unknowns; and these by the others.
+// A profile's equations in one channel without its own unknowns, in whole lanes: the shades by each other, by the
+// place, by each of the others (width, blur, taper and level), the place by itself and these, the others by each other.
 struct Reduced {
-    std::array<double, SHARED*(SHARED + 1) / 2> left;
-    std::array<double, ALONE * SHARED> alone;  // own unknowns: by level, less so much of every other unknown
-    std::array<double, 3> variance;            // of the step between the sides, of the slope, of the own brightness
+    static constexpr int OTHERS = COLUMNS - PLACE - 1, PAIRS = whole_lanes(SHADES * (SHADES + 1) / 2);
+    static constexpr int BY_PLACE = PAIRS, BY_OTHERS = BY_PLACE + LANES, PLACE_BY = BY_OTHERS + OTHERS * LANES;
+    static constexpr int OTHERS_BY = PLACE_BY + LANES, SIZE = OTHERS_BY + whole_lanes(OTHERS * (OTHERS + 1) / 2);
+
+    std::array<double, SIZE> left;
+    std::array<double, whole_lanes(ALONE* SHARED)>
+        alone;                           // own unknowns: by level, less so much of every other unknown
+    std::array<double, LANES> variance;  // of the step between the sides, slope, own brightness
+
+    static constexpr int at_pair(int i, int j) {  // j ≤ i
+        if (i < AT_PLACE) return at(i, j);
+        if (j < AT_PLACE) return i == AT_PLACE ? BY_PLACE + j : BY_OTHERS + (i - AT_PLACE - 1) * LANES + j;
+        return j == AT_PLACE ? PLACE_BY + i - AT_PLACE : OTHERS_BY + at(i - AT_PLACE - 1, j - AT_PLACE - 1);
+    }
+    double operator()(int i, int j) const { return left[at_pair(i, j)]; }
+};
+
+// What is kept of eight profiles' pixels until they are added up.
+struct Pixels {
+    std::vector<Lanes> columns;                            // (T, COLUMNS) times the root of a pixel's weight
+    std::vector<Lanes> level, across, far, sure, counted;  // (T,)
+    std::vector<int> row, bin;  // (T, LANES) of the table of shades, of the background's structure
+
+    void resize(int length) {
+        columns.resize(length * COLUMNS);
+        for (auto* each : {&level, &across, &far, &sure, &counted}) each->resize(length);
+        for (auto* each : {&row, &bin}) each->resize(length * LANES);
+    }
 };
 
 // One channel as it is known so far.
@@ -51,7 +77,7 @@ struct Channel {
     const Crossings* found;
     double contrast, noise, step, own, slope;
     std::array<double, SHADES> spread;         // prior deviations of the shades
-    std::array<double, FAR_PX> structure;      // variance over the noise's, by distance from the edge
+    std::array<double, FAR_PX> per_structure;  // the noise's variance over that by distance from the edge
     std::array<double, FAR_PX> power, number;  // sums of squares from which that is learnt
     std::array<double, PATTERN> left, many;    // sums of residuals by distance from the centre, and of how many
     Table alone, shades;                       // (N, ALONE) and (N, SHADES)
@@ -71,13 +97,13 @@ struct Line {
     // knots of the shades, and pieces of the course
     int knots, pieces;
     std::vector<int> knot, piece;
+    Pixels pixels;
     Numbers after;               // (N,) part of the way from a knot to the next
     Table basis;                 // (N, 4) of the course's splines
     std::vector<double> offset;  // (pieces + 3) of the course
     Table variance;              // of the border's unknowns
     Table course_information;    // of the course, were all else known
-    Table table;                 // of its shades, for this width and blur
-    std::array<double, 2> tabled_px;
+    Table table;                 // of its shades, for its width and blur
 
     int count() const { return share.size(); }
     double length_px() const { return channels[0].found->along[count() - 1] - channels[0].found->along[0]; }
@@ -120,7 +146,7 @@ Line begun(const std::vector<Crossings>& channels, double width_px, double blur_
         channel.step = 2.0 * channel.contrast;
         channel.own = 0.5 * channel.contrast;
         channel.slope = 2.0 * channel.contrast / channel.found->profiles.shape[1];
-        channel.structure.fill(1.0);
+        channel.per_structure.fill(1.0);
         for (int k = 0; k < SHADES; ++k) channel.spread[k] = prior_of_shade(model, k) * channel.contrast;
         channel.alone = Table(count, ALONE);
         channel.shades = Table(count, SHADES);
@@ -175,7 +201,7 @@ Lanes explained(std::array<Lanes, (COUNT + 1) * (COUNT + 2) / 2>& m) {
 struct Eight {
     int several;
     std::array<int, LANES> which;
-    std::array<const double*, LANES> grey, distance;
+    std::array<const double*, LANES> grey;
     Lanes shift, side, per_stretch, bow, per_scale, there, share, slope, mean;
     std::array<Lanes, FUNCTIONS> coefficients;  // of each function, above its mean
     std::array<Lanes, LANES> own;               // the same, of each profile
@@ -188,8 +214,8 @@ Eight gathered_profiles(const Line& line, const Channel& channel, const int* whi
     eight.several = several;
     for (int lane = 0; lane < LANES; ++lane) {
         const int n = eight.which[lane] = which[std::min(lane, several - 1)];
-        eight.grey[lane] = found.profiles.row(n).data, eight.distance[lane] = found.across.row(n).data;
-        eight.shift[lane] = line.course[n] * found.side[n] * found.stretch[n];
+        eight.grey[lane] = found.profiles.row(n).data;
+        eight.shift[lane] = line.course[n] * found.side[n] * found.stretch[n] - found.across(n, 0);
         // a profile that crosses the line at a slant meets one edge where it is broader
         const double growth = line.moved[2] / (std::max(line.length_px(), 1.0) * line.scale(n));
         const double wider = std::abs(growth) < 1.0 ? growth * found.slant[n] / found.stretch[n] : 0.0;
@@ -203,7 +229,7 @@ Eight gathered_profiles(const Line& line, const Channel& channel, const int* whi
         eight.mean[lane] = mean;
         for (int f = 0; f < FUNCTIONS; ++f) eight.coefficients[f][lane] = own[f];
         eight.own[lane] = load(own);
-        eight.clear[lane] = channel.rms[n] < 2.5 * channel.noise && line.seen[n] > 0.5;
+        eight.clear[lane] = found.inside[n] && channel.rms[n] < 2.5 * channel.noise && line.seen[n] > 0.5;
     }
     return eight;
 }
@@ -214,26 +240,71 @@ struct Sums {
     Lanes squares = 0.0, inner = 0.0, number = 0.0, left = 0.0;  // of residuals
 };
 
-Sums over_pixels(const Line& line, Channel& channel, const Table& table, const Eight& eight, bool first) {
+// Adds up the products of two groups of columns (T, COLUMNS), which stay in the processor's registers meanwhile.
+template <int TILE, int FROM, int OTHER>
+void add_products(const std::vector<Lanes>& columns, Unknowns& products) {
+    std::array<Lanes, TILE * TILE> sums = {};
+    for (std::size_t t = 0; t < columns.size(); t += COLUMNS) {
+        const Lanes *const one = &columns[t + FROM], *const other = &columns[t + OTHER];
+#pragma GCC unroll 8
+        for (int i = 0; i < TILE; ++i)
+#pragma GCC unroll 8
+            for (int j = 0; j < TILE; ++j)
+                if (FROM + i >= OTHER + j) sums[i * TILE + j] += one[i] * other[j];
+    }
+    for (int i = 0; i < TILE; ++i)
+        for (int j = 0; j < TILE; ++j)
+            if (FROM + i >= OTHER + j) products[at(FROM + i, OTHER + j)] = sums[i * TILE + j];
+}
+
+// Adds up the products of all columns, in square groups.
+template <int TILE, int... PAIR>
+void add_all_products(const std::vector<Lanes>& columns, Unknowns& products, std::integer_sequence<int, PAIR...>) {
+    static_assert(COLUMNS % TILE == 0);
+    constexpr int several = COLUMNS / TILE;
+    const auto add = [&](auto pair) {
+        constexpr int from = pair / several, other = pair % several;
+        if constexpr (other <= from) add_products<TILE, from * TILE, other * TILE>(columns, products);
+    };
+    (add(std::integral_constant<int, PAIR>()), ...);
+}
+
+// Where the pixels of eight profiles are: from the line's middle, in the table of shades, in the background.
+void place_pixels(const Channel& channel, const Table& table, const Eight& eight, double half, Pixels& pixels) {
     const int length = channel.found->profiles.shape[1], last = table.shape[0] - 1;
+    const auto clamped = [](const Lanes& value, const Lanes& most) {
+        return where_positive(value - most, most, where_positive(value, value, 0.0));
+    };
+    pixels.resize(length);
+    for (int lane = 0; lane < LANES; ++lane)
+        for (int t = 0; t < length; ++t) pixels.level[t][lane] = eight.grey[lane][t];
+    for (int t = 0; t < length; ++t) {
+        const Lanes along = Lanes(t) - eight.shift;
+        const Lanes across = eight.side * along * (eight.per_stretch + eight.bow * along) * eight.per_scale;
+        const Lanes place = clamped(across * Lanes(PER_PX) + Lanes(0.5 * last), last - 1e-9);
+        pixels.across[t] = across;
+        pixels.far[t] = place - truncated(place, &pixels.row[t * LANES]);
+        truncated(clamped(absolute(across) - Lanes(half), FAR_PX - 1.0), &pixels.bin[t * LANES]);
+    }
+    for (int t = 0; t < length; ++t)
+        for (int lane = 0; lane < LANES; ++lane)
+            pixels.sure[t][lane] = channel.per_structure[pixels.bin[t * LANES + lane]];
+}
+
+Sums over_pixels(const Line& line, Channel& channel, const Table& table, const Eight& eight, bool first,
+                 Pixels& pixels) {
+    const int length = channel.found->profiles.shape[1];
     const double half = 0.5 * line.width(), per_bin = static_cast<double>(PATTERN) / length;
     const double noise = square(channel.noise), cut = 1.0 / (square(line.model.cut) * noise);
+    place_pixels(channel, table, eight, half, pixels);
     Sums sums;
-    sums.products.fill(0.0);
-    std::array<Lanes, COLUMNS> columns;
     Lanes functions[LANES], derivatives[KINDS][LANES];
-    double numbers[LANES];
-    int rows[LANES];
     for (int t = 0; t < length; ++t) {
-        for (int lane = 0; lane < LANES; ++lane) numbers[lane] = eight.distance[lane][t];
-        const Lanes along = load(numbers) - eight.shift;
-        const Lanes across = eight.side * along * (eight.per_stretch + eight.bow * along) * eight.per_scale;
-        const Lanes place = across * Lanes(PER_PX) + Lanes(0.5 * last), end = last - 1e-9;
-        const Lanes within_table = where_positive(place - end, end, where_positive(place, place, 0.0));
-        const Lanes far = within_table - truncated(within_table, rows);
+        Lanes* const columns = &pixels.columns[t * COLUMNS];
+        const Lanes across = pixels.across[t], level = pixels.level[t], sure = pixels.sure[t];
         for (int lane = 0; lane < LANES; ++lane) {
-            const double* const row = table.row(rows[lane]).data;
-            const Lanes part = far[lane];
+            const double* const row = table.row(pixels.row[t * LANES + lane]).data;
+            const Lanes part = spread(pixels.far[t][lane]);
             const auto between = [&](int kind) {
                 const Lanes one = load(row + kind * LANES);
                 return one + part * (load(row + SHADE_COLUMNS + kind * LANES) - one);
@@ -242,47 +313,46 @@ Sums over_pixels(const Line& line, Channel& channel, const Table& table, const E
             for (int kind = 1; kind < KINDS; ++kind) derivatives[kind][lane] = eight.own[lane] * between(kind);
         }
         transpose(functions);
-        Lanes model = eight.mean + eight.slope * across;
-        for (int f = 0; f < FUNCTIONS; ++f) model += eight.coefficients[f] * functions[f];
-        const Lanes by_width = sums_of(derivatives[BY_WIDTH]);
-        for (int lane = 0; lane < LANES; ++lane) numbers[lane] = eight.grey[lane][t];
-        columns[0] = functions[0], columns[1] = functions[1], columns[2] = across;
-        columns[OWN] = columns[FIRST] = Lanes(1.0) - functions[0] - functions[1];
-        for (int k = 1; k < SHADES; ++k) columns[FIRST + k] = functions[shade_column(k)];
-        columns[PLACE] = -sums_of(derivatives[BY_DISTANCE]) * eight.per_scale;
-        columns[WIDER] = by_width;
-        columns[SOFTER] = sums_of(derivatives[BY_BLUR]);
-        columns[TAPER] = by_width * eight.share;
-        columns[LEVEL] = load(numbers);
-        const Lanes off = absolute(across);
-        for (int lane = 0; lane < LANES; ++lane) {
-            rows[lane] = static_cast<int>(bounded(off[lane] - half, 0.0, FAR_PX - 1));
-            numbers[lane] = 1.0 / channel.structure[rows[lane]];
-        }
-        const Lanes sure = load(numbers);
         Lanes weight = eight.there * sure * Lanes(1.0 / noise);
         if (!first) {
-            const Lanes residual = columns[LEVEL] - model, power = residual * residual;
+            Lanes residual = level - eight.mean - eight.slope * across;
+            for (int f = 0; f < FUNCTIONS; ++f) residual -= eight.coefficients[f] * functions[f];
+            const Lanes power = residual * residual;
             const Lanes counted = Lanes(1.0) / (Lanes(1.0) + power * sure * Lanes(cut));
-            const Lanes within = choose(off < Lanes(half + 1.0), Lanes(1.0), Lanes(0.0));
+            const Lanes within = choose(absolute(across) < Lanes(half + 1.0), Lanes(1.0), Lanes(0.0));
             weight *= counted;
             sums.squares += eight.there * power;
             sums.inner += within * power;
             sums.number += within;
             sums.left += weight * power;
-            for (int lane = 0; lane < eight.several; ++lane) {
-                if (!eight.clear[lane]) continue;
-                channel.power[rows[lane]] += MORE_SPREAD * counted[lane] * power[lane];
-                channel.number[rows[lane]] += counted[lane];
-                const int bin = static_cast<int>(bounded(across[lane] * per_bin + 0.5 * PATTERN, 0.0, PATTERN - 1.0));
-                channel.left[bin] += residual[lane], channel.many[bin] += 1.0;
-            }
+            // not needed below any more
+            pixels.far[t] = residual, pixels.counted[t] = counted;
         }
-        for (int i = 0; i < COLUMNS; ++i) {
-            const Lanes weighted = weight * columns[i];
-            for (int j = 0; j <= i; ++j) sums.products[at(i, j)] += weighted * columns[j];
+        const Lanes root = sqrt(weight);
+        for (int side = 0; side < SIDES; ++side) columns[side] = root * functions[side];
+        columns[2] = root * across;
+        columns[OWN] = columns[FIRST] = root - columns[0] - columns[1];
+        for (int k = 1; k < SHADES; ++k) columns[FIRST + k] = root * functions[shade_column(k)];
+        columns[PLACE] = -root * sums_of(derivatives[BY_DISTANCE]) * eight.per_scale;
+        columns[WIDER] = root * sums_of(derivatives[BY_WIDTH]);
+        columns[SOFTER] = root * sums_of(derivatives[BY_BLUR]);
+        columns[TAPER] = columns[WIDER] * eight.share;
+        columns[LEVEL] = root * level;
+    }
+    for (int lane = 0; lane < eight.several && !first; ++lane) {
+        if (!eight.clear[lane]) continue;
+        for (int t = 0; t < length; ++t) {
+            const double residual = pixels.far[t][lane], counted = pixels.counted[t][lane];
+            const int bin = pixels.bin[t * LANES + lane];
+            channel.power[bin] += MORE_SPREAD * counted * square(residual);
+            channel.number[bin] += counted;
+            const double of_width = pixels.across[t][lane] * per_bin + 0.5 * PATTERN;
+            const int place = static_cast<int>(bounded(of_width, 0.0, PATTERN - 1.0));
+            channel.left[place] += residual, channel.many[place] += 1.0;
         }
     }
+    constexpr int tile = 4, several = COLUMNS / tile;
+    add_all_products<tile>(pixels.columns, sums.products, std::make_integer_sequence<int, several * several>());
     return sums;
 }
 
@@ -328,10 +398,10 @@ void compare_with_edges(Channel& channel, const Eight& eight, const Sums& sums) 
 }
 
 // The equations of up to eight profiles in one channel, without their own unknowns.
-void evaluate(const Line& line, Channel& channel, const Table& table, const int* which, int several, bool first) {
+void evaluate(Line& line, Channel& channel, const int* which, int several, bool first) {
     const int length = channel.found->profiles.shape[1];
     const Eight eight = gathered_profiles(line, channel, which, several);
-    Sums found = over_pixels(line, channel, table, eight, first);
+    Sums found = over_pixels(line, channel, line.table, eight, first, line.pixels);
     Unknowns& sums = found.products;
     const double step = 1.0 / square(channel.step), loose = 1e-6 / square(channel.contrast);
     sums[at(0, 0)] += step + loose, sums[at(1, 1)] += step + loose, sums[at(1, 0)] -= step;
@@ -355,7 +425,7 @@ void evaluate(const Line& line, Channel& channel, const Table& table, const int*
         }
     }
     // own unknowns by the others: back substitution of L D Lᵀ
-    std::array<Lanes, ALONE * SHARED> alone;
+    std::array<Lanes, whole_lanes(ALONE * SHARED)> alone;
     for (int s = 0; s < SHARED; ++s)
         for (int k = ALONE - 1; k >= 0; --k) {
             Lanes value = factor[k][ALONE + s];
@@ -370,15 +440,21 @@ void evaluate(const Line& line, Channel& channel, const Table& table, const int*
         }
         return value;
     };
-    const std::array<Lanes, 3> variance = {variance_of({-1.0, 1.0, 0.0, 0.0}), variance_of({0.0, 0.0, 1.0, 0.0}),
-                                           variance_of({0.0, 0.0, 0.0, 1.0})};
-    for (int lane = 0; lane < several; ++lane) {
-        Reduced& to = channel.equations[which[lane]];
-        for (int i = ALONE, m = 0; i < COLUMNS; ++i)
-            for (int j = ALONE; j <= i; ++j, ++m) to.left[m] = sums[at(i, j)][lane];
-        for (int i = 0; i < ALONE * SHARED; ++i) to.alone[i] = alone[i][lane];
-        for (int i = 0; i < 3; ++i) to.variance[i] = variance[i][lane];
-    }
+    const std::array<Lanes, LANES> variance = {variance_of({-1.0, 1.0, 0.0, 0.0}), variance_of({0.0, 0.0, 1.0, 0.0}),
+                                               variance_of({0.0, 0.0, 0.0, 1.0})};
+    std::array<Lanes, Reduced::SIZE> left;
+    for (int i = 0; i < SHARED; ++i)
+        for (int j = 0; j <= i; ++j) left[Reduced::at_pair(i, j)] = sums[at(ALONE + i, ALONE + j)];
+    const auto write = [&](const auto& columns, auto part) {
+        for (std::size_t from = 0; from < columns.size(); from += LANES) {
+            Lanes rows[LANES];
+            std::copy_n(&columns[from], LANES, rows);
+            transpose(rows);
+            for (int lane = 0; lane < several; ++lane)
+                store((channel.equations[which[lane]].*part).data() + from, rows[lane]);
+        }
+    };
+    write(left, &Reduced::left), write(alone, &Reduced::alone), write(variance, &Reduced::variance);
 }
 
 // Probabilities (M,) to be seen by a chain of two states that changes at this rate, from log odds (M,).
@@ -474,44 +550,85 @@ void add(double* to, double factor, const double* row) {
     for (int i = 0; i < COUNT * LANES; i += LANES) store(to + i, load(to + i) + Lanes(factor) * load(row + i));
 }
 
+// What the profiles between two knots, on one piece of the course, say together.
+struct Stretch {
+    static constexpr int OTHERS = Reduced::OTHERS;
+    std::array<Lanes, Reduced::PAIRS / LANES> own = {}, next = {},
+                                              other = {};  // of the shades at the first knot, both, the second
+    std::array<Lanes, 2 * 4> by_place = {};                // at each knot by each spline
+    std::array<Lanes, 2 * OTHERS> by_others = {};
+    std::array<Lanes, 4> place_by = {};
+    std::array<double, 4 * 4> places = {};
+    std::array<Lanes, (Reduced::SIZE - Reduced::OTHERS_BY) / LANES> others = {};
+
+    void add(const double* left, double weight, double after, const double* basis) {
+        const double before = 1.0 - after, parts[2] = {weight * before, weight * after};
+        for (std::size_t i = 0; i < own.size(); ++i) {
+            const Lanes pairs = load(left + i * LANES);
+            own[i] += Lanes(parts[0] * before) * pairs;
+            next[i] += Lanes(parts[0] * after) * pairs;
+            other[i] += Lanes(parts[1] * after) * pairs;
+        }
+        const Lanes of_place = load(left + Reduced::BY_PLACE), own_place = load(left + Reduced::PLACE_BY);
+        for (int b = 0; b < 4; ++b) {
+            for (int p = 0; p < 2; ++p) by_place[p * 4 + b] += Lanes(parts[p] * basis[b]) * of_place;
+            place_by[b] += Lanes(weight * basis[b]) * own_place;
+            for (int c = 0; c < 4; ++c) places[b * 4 + c] += weight * left[Reduced::PLACE_BY] * basis[b] * basis[c];
+        }
+        for (int s = 0; s < OTHERS; ++s)
+            for (int p = 0; p < 2; ++p)
+                by_others[p * OTHERS + s] += Lanes(parts[p]) * load(left + Reduced::BY_OTHERS + s * LANES);
+        for (std::size_t i = 0; i < others.size(); ++i)
+            others[i] += Lanes(weight) * load(left + Reduced::OTHERS_BY + i * LANES);
+    }
+    // Adds it to the equations of its knots and of the border, in which its splines begin at `piece`, what changes all
+    // along at `splines`, and the right side is at `rows`.
+    void put(Knot* pair, int piece, int splines, int rows, Border& border) const {
+        const auto of = [](const auto& lanes, int i) { return lanes[i / LANES][i % LANES]; };
+        for (int i = 0; i < SHADES; ++i)
+            for (int j = 0; j <= i; ++j) {
+                pair[0].own[i * LANES + j] += of(own, at(i, j));
+                pair[0].next[i * LANES + j] += of(next, at(i, j));
+                pair[1].own[i * LANES + j] += of(other, at(i, j));
+            }
+        for (int p = 0; p < 2; ++p)
+            for (int k = 0; k < SHADES; ++k) {
+                double* const row = &pair[p].border[k * MOST_ROWS];
+                for (int b = 0; b < 4; ++b) row[piece + b] += by_place[p * 4 + b][k];
+                for (int s = 0; s < CHANGES; ++s) row[splines + s] += by_others[p * OTHERS + s][k];
+                row[rows] += by_others[p * OTHERS + CHANGES][k];
+            }
+        for (int b = 0; b < 4; ++b) {
+            double* const row = &border[(piece + b) * MOST_ROWS];
+            for (int c = 0; c < 4; ++c) row[piece + c] += places[b * 4 + c];
+            for (int s = 0; s < CHANGES; ++s) {
+                row[splines + s] += place_by[b][1 + s];
+                border[(splines + s) * MOST_ROWS + piece + b] += place_by[b][1 + s];
+            }
+            row[rows] += place_by[b][OTHERS];
+        }
+        for (int s = 0; s < CHANGES; ++s) {
+            for (int r = 0; r < CHANGES; ++r)
+                border[(splines + s) * MOST_ROWS + splines + r] += of(others, at(std::max(s, r), std::min(s, r)));
+            border[(splines + s) * MOST_ROWS + rows] += of(others, at(CHANGES, s));
+        }
+    }
+};
+
 // Adds the profiles of a channel; and what they say of the border.
 std::vector<Knot> gathered(const Line& line, const Channel& channel, const std::vector<int>& active, double per_profile,
                            Border& border) {
-    const int rows = line.border(), splines = line.pieces + 3;
     std::vector<Knot> knots(line.knots, Knot{});
-    for (int n : active) {
-        const double weight = line.weight[n] * per_profile, after = line.after[n], parts[2] = {1.0 - after, after};
-        if (!(weight > 1e-4)) continue;
-        const auto& left = channel.equations[n].left;
-        const int piece = line.piece[n];
-        const ConstVector basis = line.basis.row(n);
-        Knot* const pair = &knots[line.knot[n]];
-        // the border's unknowns by which this profile hangs on it
-        std::array<double, MOST_ROWS> by = {};
-        for (int i = 0; i < SHADES; ++i) {
-            for (int j = 0; j <= i; ++j) {
-                const double value = weight * left[at(i, j)];
-                pair[0].own[i * LANES + j] += parts[0] * parts[0] * value;
-                pair[1].own[i * LANES + j] += parts[1] * parts[1] * value;
-                pair[0].next[i * LANES + j] += parts[0] * parts[1] * value;
-            }
-            for (int b = 0; b < 4; ++b) by[piece + b] = basis[b] * left[at(AT_PLACE, i)];
-            for (int s = 0; s < CHANGES; ++s) by[splines + s] = left[at(AT_PLACE + 1 + s, i)];
-            by[rows] = left[at(AT_LEVEL, i)];
-            for (int p = 0; p < 2; ++p) add<ROW_LANES>(&pair[p].border[i * MOST_ROWS], parts[p] * weight, by.data());
+    const auto together = [&](int n) { return std::pair(line.knot[n], line.piece[n]); };
+    for (auto n = active.begin(); n != active.end();) {
+        const auto [knot, piece] = together(*n);
+        Stretch stretch;
+        for (; n != active.end() && together(*n) == std::pair(knot, piece); ++n) {
+            const double weight = line.weight[*n] * per_profile;
+            if (!(weight > 1e-4)) continue;
+            stretch.add(channel.equations[*n].left.data(), weight, line.after[*n], line.basis.row(*n).data);
         }
-        for (int b = 0; b < 4; ++b) by[piece + b] = basis[b] * left[at(AT_PLACE, AT_PLACE)];
-        for (int s = 0; s < CHANGES; ++s) by[splines + s] = left[at(AT_PLACE + 1 + s, AT_PLACE)];
-        by[rows] = left[at(AT_LEVEL, AT_PLACE)];
-        for (int b = 0; b < 4; ++b) add<ROW_LANES>(&border[(piece + b) * MOST_ROWS], weight * basis[b], by.data());
-        for (int s = 0; s < CHANGES; ++s) {
-            const int own = AT_PLACE + 1 + s;
-            for (int b = 0; b < 4; ++b) by[piece + b] = basis[b] * left[at(own, AT_PLACE)];
-            for (int r = 0; r < CHANGES; ++r)
-                by[splines + r] = left[at(std::max(own, AT_PLACE + 1 + r), std::min(own, AT_PLACE + 1 + r))];
-            by[rows] = left[at(AT_LEVEL, own)];
-            add<ROW_LANES>(&border[(splines + s) * MOST_ROWS], weight, by.data());
-        }
+        stretch.put(&knots[knot], piece, line.pieces + 3, line.border(), border);
     }
     for (Knot& knot : knots)
         for (int i = 0; i < SHADES; ++i)
@@ -694,7 +811,11 @@ void improve(Line& line, const std::vector<int>& active, int step, int round) {
             for (int k = 0; k < SHADES; ++k)
                 channel.shades(n, k) =
                     (1.0 - line.after[n]) * shades(line.knot[n], k) + line.after[n] * shades(line.knot[n] + 1, k);
-        double steps = 0.0, slopes = 0.0, owns = 0.0, contrast = 0.0;
+        // how far the sides are apart, the background's slope, the own brightness: what of it the profiles show
+        const std::array<double*, 3> size = {&channel.step, &channel.slope, &channel.own};
+        std::array<double, 3> power, informed;
+        for (int i = 0; i < 3; ++i) power[i] = KNOWN * square(*size[i]), informed[i] = KNOWN;
+        double contrast = 0.0;
         for (int n : active) {
             const Reduced& own = channel.equations[n];
             for (int i = 0; i < ALONE; ++i) {
@@ -706,15 +827,16 @@ void improve(Line& line, const std::vector<int>& active, int step, int round) {
             }
             const ConstVector alone = channel.alone.row(n);
             const double weight = line.weight[n] / whole, apart = alone[1] - alone[0];
-            steps += weight * (square(apart) + own.variance[0]);
-            slopes += weight * (square(alone[2]) + own.variance[1]);
-            owns += weight * (square(alone[OWN]) + own.variance[2]);
+            const std::array<double, 3> value = {apart, alone[2], alone[OWN]};
+            for (int i = 0; i < 3; ++i) {
+                power[i] += weight * square(value[i]);
+                informed[i] += weight * std::max(1.0 - own.variance[i] / square(*size[i]), 0.0);
+            }
             contrast += weight * (square(channel.shades(n, 0) - 0.5 * (alone[0] + alone[1])) + 0.25 * square(apart));
         }
         if (!first) {
-            channel.step = std::sqrt(std::max(steps, 0.01 * square(channel.noise)));
-            channel.slope = std::sqrt(std::max(slopes, square(1e-5 * channel.contrast)));
-            channel.own = std::sqrt(std::max(owns, square(0.02 * channel.contrast)));
+            const std::array<double, 3> least = {0.1 * channel.noise, 1e-5 * channel.contrast, 0.02 * channel.contrast};
+            for (int i = 0; i < 3; ++i) *size[i] = std::max(std::sqrt(power[i] / informed[i]), least[i]);
             channel.contrast = std::sqrt(contrast) + 1e-6;
             for (int k = 1; k < SHADES && round >= GIVEN; ++k) {
                 double sum = 4.0 * square(0.3 * channel.spread[k]);
@@ -726,7 +848,7 @@ void improve(Line& line, const std::vector<int>& active, int step, int round) {
             for (int far = 0; far < FAR_PX; ++far) {
                 if (channel.number[far] > 30.0)
                     next = std::max(channel.power[far] / channel.number[far] / square(channel.noise), 1.0);
-                channel.structure[far] = next;
+                channel.per_structure[far] = 1.0 / next;
             }
         }
         most = std::max(most, channel.contrast);
@@ -737,17 +859,11 @@ void improve(Line& line, const std::vector<int>& active, int step, int round) {
 // Equations of the chosen profiles, and what these count.
 void look(Line& line, const std::vector<int>& active, int step, bool first) {
     const int reach = line.channels[0].found->profiles.shape[1] / 2 + 2;
-    if (!line.table.size() || std::abs(line.width() - line.tabled_px[0]) > SAME_PX ||
-        std::abs(line.blur() - line.tabled_px[1]) > SAME_PX) {
-        line.tabled_px = {line.width(), line.blur()};
-        line.table = shade_table(line.width(), line.blur(), reach);
-    }
-    const Table& table = line.table;
+    line.table = shade_table(line.width(), line.blur(), reach);
     const int count = static_cast<int>(active.size());
     for (Channel& channel : line.channels) {
         channel.power.fill(0.0), channel.number.fill(0.0), channel.left.fill(0.0), channel.many.fill(0.0);
-        for (int m = 0; m < count; m += LANES)
-            evaluate(line, channel, table, &active[m], std::min(LANES, count - m), first);
+        for (int m = 0; m < count; m += LANES) evaluate(line, channel, &active[m], std::min(LANES, count - m), first);
     }
     if (!first) weigh(line, active, step);
 }
@@ -797,23 +913,29 @@ Ribbon answer(const Line& line) {
     found.noise = std::sqrt(power / several);
     found.pattern = 0.0;
     for (const Channel& channel : line.channels) {
-        double squares = 0.0, pixels = 1e-9, bins = 0.0;
-        for (int bin = 0; bin < PATTERN; ++bin) {
-            if (channel.many[bin] < 10.0) continue;
-            squares += square(channel.left[bin]) / channel.many[bin] / square(channel.noise);
-            pixels += channel.many[bin], bins += 1.0;
+        // what is alike on both sides moves nothing, nor does what is far off
+        double squares = 0.0, pixels = 1e-9, pairs = 0.0;
+        const double per_bin = first.profiles.shape[1] / static_cast<double>(PATTERN);
+        for (int bin = 0; bin < PATTERN / 2; ++bin) {
+            if ((0.5 * PATTERN - bin - 0.5) * per_bin > 0.5 * line.width() + PULLING_PX) continue;
+            const int other = PATTERN - 1 - bin;
+            const double one_many = channel.many[bin], other_many = channel.many[other];
+            if (std::min(one_many, other_many) < 10.0) continue;
+            const double apart = channel.left[bin] / one_many - channel.left[other] / other_many;
+            squares += square(apart / channel.noise) / (1.0 / one_many + 1.0 / other_many);
+            pixels += one_many + other_many, pairs += 1.0;
         }
         // more than noise makes
-        found.pattern += std::max(squares - bins - 3.0 * std::sqrt(2.0 * bins), 0.0) / pixels / several;
+        found.pattern += std::max(squares - pairs - 3.0 * std::sqrt(2.0 * pairs), 0.0) / pixels / several;
     }
     found.shades = Table(count, SHADES);
     for (int n = 0; n < count; ++n) {
         double information = 1e-12, side = 0.0, residual = 0.0, height = 1e-12;
         for (const Channel& channel : line.channels) {
-            const auto& own = channel.equations[n].left;
-            information += own[at(AT_PLACE, AT_PLACE)];
-            side += own[at(AT_LEVEL, AT_PLACE)];
-            for (int k = 0; k < SHADES; ++k) side -= own[at(AT_PLACE, k)] * channel.shades(n, k);
+            const Reduced& own = channel.equations[n];
+            information += own(AT_PLACE, AT_PLACE);
+            side += own(AT_LEVEL, AT_PLACE);
+            for (int k = 0; k < SHADES; ++k) side -= own(AT_PLACE, k) * channel.shades(n, k);
             for (double each : shown(channel, n)) height += square(each) / several;
             residual += square(channel.rms[n] / expected_rms(channel, n)) / several;
         }
@@ -849,7 +971,7 @@ Ribbon fitted_ribbon(const std::vector<Crossings>& channels, double width_px, do
     }
     int step = few;
     for (int round = 0; round < model.passes; ++round) {
-        if (round + LAST_ROUNDS == model.passes && step > 1) {
+        if (round + 1 == model.passes && step > 1) {
             fill_between(line, active);
             active = all, step = 1;
         }

@@ -52,43 +52,50 @@ Table shade_table(double width_px, double blur_px, int reach_px) {
     const int nodes = static_cast<int>(bounded(NODES_PER_STD * half / std, LEAST_NODES, MOST_NODES));
     const Surface on = surface(nodes);
     const int middle = reach_px * PER_PX;
-    Table table(2 * middle + 1, SHADE_COLUMNS);
-    for (int r = 0; r <= middle; ++r) {
-        const double across = static_cast<double>(r) / PER_PX;
-        double* const own = table.row(middle + r).data;
-        double* const mirrored = table.row(middle - r).data;
-        std::array<Lanes, KINDS> sums;
-        sums.fill(0.0);
+    Table table(Unset{}, 2 * middle + 1, SHADE_COLUMNS);
+    const double softening = std * softer;
+    const auto bell_at = [&](const Lanes& off) { return Lanes(height) * exp(Lanes(-0.5) * off * off); };
+    for (int first = 0; first <= middle; first += LANES) {
+        Lanes across;
+        for (int lane = 0; lane < LANES; ++lane) across[lane] = static_cast<double>(first + lane) / PER_PX;
+        std::array<std::array<Lanes, LANES>, KINDS> values;  // of each function, on the right of the middle
+        for (auto& kind : values) kind.fill(0.0);
         for (int q = 0; q < nodes; ++q) {
-            const double off = (across - half * on.across[q]) / std;
-            if (!(std::abs(off) < FAR_STD)) continue;
-            const double bell = height * half * on.weight[q] * std::exp(-0.5 * off * off);
-            const Lanes weighted = Lanes(bell) * load(on.shades.row(q).data);
-            sums[VALUE] += weighted;
-            sums[BY_DISTANCE] += Lanes(-off / std) * weighted;
-            sums[BY_WIDTH] += Lanes(1.0 + half * on.across[q] * off / std) * weighted;
-            sums[BY_BLUR] += Lanes((off * off - 1.0) * softer) * weighted;
+            const double on_surface = half * on.across[q];
+            const Lanes off = (across - Lanes(on_surface)) * Lanes(1.0 / std);
+            if (off[0] > FAR_STD || off[LANES - 1] < -FAR_STD) continue;
+            const Lanes bell = bell_at(off) * Lanes(half * on.weight[q]);
+            const std::array<Lanes, KINDS> weighted = {bell, bell * off * Lanes(-1.0 / std),
+                                                       bell * (Lanes(1.0) + off * Lanes(on_surface / std)),
+                                                       bell * (off * off - Lanes(1.0)) * Lanes(softer)};
+#pragma GCC unroll 8
+            for (int k = 1; k < SHADES; ++k) {
+                const Lanes shade = on.shades(q, k);
+#pragma GCC unroll 4
+                for (int kind = 0; kind < KINDS; ++kind) values[kind][shade_column(k)] += shade * weighted[kind];
+            }
         }
-        for (int kind = 0; kind < KINDS; ++kind)
-            for (int k = 1; k < SHADES; ++k) own[kind * LANES + shade_column(k)] = sums[kind][k];
-        const double left = (across + half) / std, right = (across - half) / std;
-        const double rising = height * std::exp(-0.5 * left * left), falling = height * std::exp(-0.5 * right * right);
-        const double inside_left = 0.5 * std::erfc(-left / std::sqrt(2.0));
-        const double beyond_right = 0.5 * std::erfc(-right / std::sqrt(2.0));
-        const std::array<double, KINDS> on_left = {1.0 - inside_left, -rising, -half * rising,
-                                                   left * rising * std * softer};
-        const std::array<double, KINDS> on_right = {beyond_right, falling, -half * falling,
-                                                    -right * falling * std * softer};
+        const Lanes left = (across + Lanes(half)) * Lanes(1.0 / std), right = (across - Lanes(half)) * Lanes(1.0 / std);
+        const Lanes rising = bell_at(left), falling = bell_at(right);
+        const auto beyond = [](double off) { return 0.5 * std::erfc(off / std::sqrt(2.0)); };
+        const std::array<Lanes, KINDS> on_left = {left.mapped(beyond), -rising, Lanes(-half) * rising,
+                                                  left * rising * Lanes(softening)};
+        const std::array<Lanes, KINDS> on_right = {(-right).mapped(beyond), falling, Lanes(-half) * falling,
+                                                   -right * falling * Lanes(softening)};
         for (int kind = 0; kind < KINDS; ++kind) {
-            double* const to = own + kind * LANES;
-            to[0] = on_left[kind];
-            to[1] = on_right[kind];
+            auto& of = values[kind];
+            of[0] = on_left[kind], of[1] = on_right[kind];
             // what is beyond the middle is the mirror of what is before it
             const double sign = kind == BY_DISTANCE ? -1.0 : 1.0;
-            double* const other = mirrored + kind * LANES;
-            other[0] = sign * on_right[kind];
-            other[1] = sign * on_left[kind];
-            for (int k = 1; k < SHADES; ++k) other[shade_column(k)] = (k % 2 ? -sign : sign) * to[shade_column(k)];
+            Lanes rows[LANES], mirrored[LANES] = {Lanes(sign) * of[1], Lanes(sign) * of[0]};
+            for (int k = 1; k < SHADES; ++k)
+                mirrored[shade_column(k)] = Lanes(k % 2 ? -sign : sign) * of[shade_column(k)];
+            std::copy(of.begin(), of.end(), rows);
+            transpose(rows), transpose(mirrored);
+            for (int lane = 0; lane < LANES && first + lane <= middle; ++lane) {
+                store(table.row(middle + first + lane).data + kind * LANES, rows[lane]);
+                store(table.row(middle - first - lane).data + kind * LANES, mirrored[lane]);
+            }
         }
     }
     return table;
