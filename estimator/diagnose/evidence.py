@@ -109,7 +109,7 @@ class _Fitted:
             frames = recorded.batch.picked(rows).frames(_arrays(rig, recorded.friction_rad))
             self.parts.append((rows, frames))
             self.points[rows] = frames.usable.sum(axis=-1)
-            self.numbers.put(rows, solve(frames, RUNGS[-1], all_axes=True))
+            self.numbers.put(rows, solve(frames, RUNGS[-1], minima_only=True))
         numbers = self.numbers
         touched = numbers.cost + self.points * np.log(np.maximum(numbers.scatter, 1.0))
         alone = touched + np.maximum(numbers.evidence, 0.0)

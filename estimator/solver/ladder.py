@@ -22,14 +22,15 @@ def solve(
     warm: np.ndarray | None = None,
     pieces_m: np.ndarray | None = None,
     jobs: int = 1,
-    all_axes: bool = False,
+    minima_only: bool = False,
 ) -> FitNumbers:
     """Fit B frames independently, in `jobs` threads.
 
     frames : or what `frames_from_pixels` makes them of. warm : (B, 4) unknowns near the truth where
         finite; pieces_m : (G,) arc lengths of `motion.Beam`, if it is tested. Frames with too few
         points are not fitted.
-    all_axes : of the rig's errors, also those that a single frame hardly shows: many frames together do.
+    minima_only : for what many frames say together: without the cost of valleys for the uncertainty of each, but with
+        all axes of the rig's errors, also those that a single frame hardly shows.
     """
     rig_arrays, measured, count = (
         (frames.rig_arrays, frames, len(frames))
@@ -40,10 +41,10 @@ def solve(
     starts = np.empty((0, UNKNOWNS)) if warm is None else np.ascontiguousarray(warm, float)
     pieces = np.empty(0) if pieces_m is None else np.ascontiguousarray(pieces_m, float)
     rung = -1 if model == "auto" else RUNGS.index(model)
-    rigs = rigs_of(rig_arrays, all_axes)
+    rigs = rigs_of(rig_arrays, minima_only)
 
     def work(begin: int, end: int) -> None:
-        core.solver.solve(rigs, measured, begin, end, rung, starts, pieces, found.rows)
+        core.solver.solve(rigs, measured, begin, end, rung, starts, pieces, minima_only, found.rows)
 
     in_threads(work, count, jobs)
     found.rows["rig_axes"] = rig_arrays.independent

@@ -259,7 +259,7 @@ solver::Rigs rigs_of(const nb::tuple& rigs_) {
 
 // measured: `Frames`, or pixels.
 void solve(const nb::tuple& rigs_, nb::handle measured, int begin, int end, int rung, InMatrix warm, InVector pieces_m,
-           nb::handle numbers) {
+           bool minima_only, nb::handle numbers) {
     const solver::Rigs rigs = rigs_of(rigs_);
     require(solver::AUTO <= rung && rung <= solver::ROD, "no such rung");
     require(pieces_m.size() == 0 || pieces_m.size() == solver::PIECES, "another number of pieces is tested");
@@ -268,7 +268,7 @@ void solve(const nb::tuple& rigs_, nb::handle measured, int begin, int end, int 
         require(warm.size() == 0 || view(warm).shape == std::array{frames.size(), UNKNOWNS}, "warm must be (B, 4)");
         require(0 <= begin && end <= frames.size(), "begin and end must be frames");
         Released released;
-        solver::solve_frames(rigs, frames, {begin, end, rung, view(warm), view(pieces_m)}, rows);
+        solver::solve_frames(rigs, frames, {begin, end, rung, view(warm), view(pieces_m), minima_only}, rows);
     };
     if (nb::isinstance<nb::tuple>(measured))
         solved(pixels_of(rigs.usual, nb::borrow<nb::tuple>(measured)));
@@ -367,7 +367,7 @@ nb::object fit_single(const Single& single, InMatrix points, const std::pair<dou
             pixels.points = line, pixels.sigma = &single.sigma_px;
             pixels.reading = {reading, {1, solver::READINGS - 1}}, pixels.tip = {tip, {1, 3}};
             pixels.gravity_m_s2 = view(gravity_m_s2);
-            solver::solve_frames(single.rigs, pixels, {0, 1, single.rung, {}, {}}, numbers);
+            solver::solve_frames(single.rigs, pixels, {0, 1, single.rung, {}, {}, false}, numbers);
             numbers[0].rig_axes = single.axes;
             const solver::Judged judged = {{&status, {1}}, {&noticed, {1}}};
             solver::judge(numbers, single.limits, judged);

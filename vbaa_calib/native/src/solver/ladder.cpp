@@ -180,8 +180,10 @@ void near_feet(const Search& search, Fit& fit) {
     }
 }
 
-// The best of a frame's minima on a rung and its uncertainty; whether its mirror image looks like it.
-bool fit_on_rung(const Search& search, int rung, Uncertainty& found, Alternative& other, Marginal& marginal) {
+// The best of a frame's minima on a rung and its uncertainty, unless the former alone are asked for to first order;
+// whether its mirror image looks like it.
+bool fit_on_rung(const Search& search, int rung, bool minima_only, Uncertainty& found, Alternative& other,
+                 Marginal& marginal) {
     const Rig& rig = search.rig;
     const Frame& frame = search.frame;
     Work& work = search.work;
@@ -212,6 +214,7 @@ bool fit_on_rung(const Search& search, int rung, Uncertainty& found, Alternative
         // what turned out better has a mirror image of its own
         if (different(before, best.unknowns)) try_mirrors(task, search.few, best.unknowns, best, other);
         uncertainty(best, found, work);
+        if (minima_only) return ambiguous;
         const double least = MarginalSettings().worthless;
         bool read = false;
         for (int k = 0; k < rig.readings; ++k) read = read || (k != END && frame.available[k] > least);
@@ -249,7 +252,7 @@ void judge_rungs(const Search& search, int model, const Fit& problem, const Unce
 }
 
 // One frame on a rung, by default on the highest: then also which one would have been good enough.
-void solve_frame(const Task& asked, const Rig& exact, const Unknowns& warm, ConstVector pieces_m, Numbers& numbers,
+void solve_frame(const Task& asked, const Rig& exact, const Unknowns& warm, const Demand& demand, Numbers& numbers,
                  Room& room) {
     const auto& [rig, frame, model, work] = asked;
     const int rung = model == AUTO ? REFERENCE : model;
@@ -267,7 +270,8 @@ void solve_frame(const Task& asked, const Rig& exact, const Unknowns& warm, Cons
         coarse_minimum(task, work.best, false, MOST_SCATTER, 0);
         uncertainty(work.best, found, work);
     } else {
-        findings.ambiguous = fit_on_rung(search, rung, found, findings.other, findings.marginal);
+        findings.ambiguous =
+            fit_on_rung(search, rung, demand.minima_only, found, findings.other, findings.marginal);
     }
     const Fit& problem = with_right_shapes(search, rung);
     judge_rungs(search, model, problem, found, findings);
@@ -279,18 +283,18 @@ void solve_frame(const Task& asked, const Rig& exact, const Unknowns& warm, Cons
     }
     findings.other.cost -= unscaled_cost(rig, work.best);
     findings.left_px = rig.cameras[frame.seen_by].focal * left;
-    write_numbers(task, found, findings, pieces_m, numbers);
+    write_numbers(task, found, findings, demand.pieces_m, numbers);
 }
 
 }  // namespace
 
 template <class Measured>
 void solve_frames(const Rigs& rigs, const Measured& frames, const Demand& demand, View<Numbers, 1> numbers) {
-    const auto& [begin, end, rung, warm, pieces_m] = demand;
+    const ConstMatrix& warm = demand.warm;
     thread_local Room room, few;  // a call with one frame would take longer to make them than for all else
     Unknowns start;
     start.fill(NOT_KNOWN);
-    for (int index = begin; index < end; ++index) {
+    for (int index = demand.begin; index < demand.end; ++index) {
         const Frame frame = frame_of(rigs.exact, frames, index);
         if (frame.count < PointSettings().fewest) {
             numbers[index].points = frame.count;
@@ -301,7 +305,7 @@ void solve_frames(const Rigs& rigs, const Measured& frames, const Demand& demand
         work.evaluations = work.most = 0;
         begin_search(work);
         if (warm.size()) std::copy_n(warm.row(index).data, UNKNOWNS, start.begin());
-        solve_frame({rig, frame, rung, work}, rigs.exact, start, pieces_m, numbers[index], few);
+        solve_frame({rig, frame, demand.rung, work}, rigs.exact, start, demand, numbers[index], few);
     }
 }
 

@@ -15,11 +15,12 @@ struct Rigs {
 };
 
 // Frames from `begin` to `end`, on a rung or AUTO. warm: (B, 4) unknowns near the truth where finite, or none.
-// pieces_m: (PIECES,) arc lengths, if motion is tested, else none.
+// pieces_m: (PIECES,) arc lengths, if motion is tested, else none. minima_only: uncertainties are those of small errors.
 struct Demand {
     int begin, end, rung;
     ConstMatrix warm;
     ConstVector pieces_m;
+    bool minima_only;
 };
 
 // Fits these, each by itself, into their `numbers`. Of a frame with too few points only their number is written.
