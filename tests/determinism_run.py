@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import yaml
 
 from benchmarks.harness import as_json
 from estimator import ContactEstimator
 from estimator.contact.recording import estimate_picture
-from tests.small_scene import small_scene
+from tests.small_scene import simulated, small_scene
 from vbaa_calib.cli.main import main
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session, read_recording
@@ -30,9 +29,7 @@ def vbaa(*argv: object) -> None:
 def whole_way(folder: Path, session: Path | None) -> None:
     """Simulate, calibrate, estimate, track, reconstruct; and every contact once more with all its digits."""
     if session is None:
-        session = folder / "session"
-        (folder / "scene.yaml").write_text(yaml.safe_dump(small_scene(noload=2, loads=(1, 8))))
-        vbaa("simulate", folder / "scene.yaml", "-o", session)
+        session = simulated(folder, small_scene(noload=2, loads=(1, 8)))
     rig = folder / "rig.json"
     vbaa("calibrate", session, "-o", rig, "--lens-model", "opencv4")
     vbaa("look", session / "noload" / "noload_001.png", "--rig", rig)

@@ -17,13 +17,19 @@ from .made_once import made_once
 
 def small_rig() -> Path:
     """A folder with scene.yaml, session/ and rig.json. Never to be written to."""
-    return made_once("small_rig", _make)
+    return made_once("small_rig", lambda folder: calibrated(folder, small_scene(noload=3, loads=(1, 3, 8, 9))))
 
 
-def _make(folder: Path) -> None:
-    (folder / "scene.yaml").write_text(yaml.safe_dump(small_scene(noload=3, loads=(1, 3, 8, 9))))
-    assert main(["simulate", str(folder / "scene.yaml"), "-o", str(folder / "session")]) == 0
-    assert main(["calibrate", str(folder / "session"), "-o", str(folder / "rig.json")]) == 0
+def simulated(folder: Path, scene: dict[str, Any], *options: str) -> Path:
+    """The session of a scene, both in the folder."""
+    (folder / "scene.yaml").write_text(yaml.safe_dump(scene))
+    assert main(["simulate", str(folder / "scene.yaml"), "-o", str(folder / "session"), *options]) == 0
+    return folder / "session"
+
+
+def calibrated(folder: Path, scene: dict[str, Any]) -> None:
+    """The same and its rig.json."""
+    assert main(["calibrate", str(simulated(folder, scene)), "-o", str(folder / "rig.json")]) == 0
 
 
 def small_scene(noload: int, loads: Sequence[int]) -> dict[str, Any]:

@@ -21,7 +21,6 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-import yaml
 
 from estimator import ContactEstimator
 from targets.board import BoardSpec
@@ -30,7 +29,7 @@ from vbaa_calib.core.files import read_yaml
 from vbaa_calib.rig import Rig
 
 from .calibrate.test_hand_eye import POINTS, Arm, lens, views_and_poses
-from .small_scene import small_rig
+from .small_scene import simulated, small_rig
 
 ROOT = Path(__file__).parents[1]
 DOCS = sorted((ROOT / "docs").glob("*.md"))
@@ -137,9 +136,7 @@ def at_work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("at_work")
     scene = read_yaml(small_rig() / "scene.yaml")
     scene["recording"]["sweeps"] = [scene["recording"]["sweeps"][0] | {"frames": 12, "free_frames": 3}]
-    (folder / "scene.yaml").write_text(yaml.safe_dump(scene))
-    session, rig = str(folder / "session"), str(folder / "rig.json")
-    assert main(["simulate", str(folder / "scene.yaml"), "-o", session, "--pictures", "none"]) == 0
+    session, rig = str(simulated(folder, scene, "--pictures", "none")), str(folder / "rig.json")
     shutil.copy(small_rig() / "rig.json", rig)
     assert main(["estimate", session, "--rig", rig, "-o", str(folder / "contacts.csv"), "--no-report"]) == 0
     shutil.copy(next((small_rig() / "session" / "loads").glob("*.png")), folder / "picture.png")

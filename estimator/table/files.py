@@ -76,54 +76,47 @@ def write_contacts(
 
     Raises InputError when the file exists and `force` is off.
     """
-    path, coming = Path(path), iter(rows)
-    begun = list(islice(coming, 1))
-    if begun and isinstance(begun[0], ContactTable):
-        _write_tables(path, chain(begun, coming), force, about)
-        return
-    first = [cells_of(row) for row in begun]
-    cells = chain(first, map(cells_of, coming))
-    with ExitStack() as open_files:
-        temporary = open_files.enter_context(replacing(path, force))
+    path, left = Path(path), iter(rows)
+    begun = list(islice(left, 1))
+    coming: Iterator[Any] = chain(begun, left)
+    whole = bool(begun) and isinstance(begun[0], ContactTable)
+    with replacing(path, force) as temporary:
         if path.suffix == _PARQUET:
-            import pyarrow
-
-            parquet = None
-            while several := list(islice(cells, _ROW_GROUP)):
-                table = pyarrow.table({name: [row[name] for row in several] for name in several[0]})
-                parquet = parquet or open_files.enter_context(_parquet_writer(temporary, table.schema))
-                parquet.write_table(table)
-            if parquet is not None and about:
-                parquet.add_key_value_metadata(about)
+            _write_parquet(temporary, _table_groups(coming) if whole else _row_groups(coming), about)
             return
-        stream = open_files.enter_context(temporary.open("w", encoding="utf-8", newline=""))
-        stream.write(header_line(any("antenna" in row for row in first)))
-        while several := list(islice(cells, _ROWS_TOGETHER)):
-            stream.write("".join(map(row_line, several)))
+        named = not whole and any("antenna" in cells_of(row) for row in begun)
+        with temporary.open("w", encoding="utf-8", newline="") as stream:
+            stream.write(header_line(named))
+            stream.writelines(map(_lines, coming) if whole else (row_line(cells_of(row)) for row in coming))
 
 
-def _write_tables(path: Path, tables: Iterable[Any], force: bool, about: dict[bytes, bytes] | None) -> None:
-    """`write_contacts` of tables of one antenna with a clamp that does not move."""
+def _write_parquet(path: Path, groups: Iterable[Mapping[str, Any]], about: dict[bytes, bytes] | None) -> None:
+    """Write groups of rows by their columns; nothing if there are none."""
+    import pyarrow
+
     with ExitStack() as open_files:
-        temporary = open_files.enter_context(replacing(path, force))
-        if path.suffix == _PARQUET:
-            import pyarrow
+        parquet = None
+        for group in groups:
+            table = pyarrow.table(group)
+            parquet = parquet or open_files.enter_context(_parquet_writer(path, table.schema))
+            parquet.write_table(table)
+        if parquet is not None and about:
+            parquet.add_key_value_metadata(about)
 
-            parquet, several = None, list[ContactTable]()
-            for table in chain(tables, [None]):
-                several += [] if table is None else [table]
-                if several and (table is None or sum(map(len, several)) >= _ROW_GROUP):
-                    part = pyarrow.table(_columns_of(ContactTable.joined(several)))
-                    parquet = parquet or open_files.enter_context(_parquet_writer(temporary, part.schema))
-                    parquet.write_table(part)
-                    several.clear()
-            if parquet is not None and about:
-                parquet.add_key_value_metadata(about)
-            return
-        stream = open_files.enter_context(temporary.open("w", encoding="utf-8", newline=""))
-        stream.write(header_line())
-        for table in tables:
-            stream.write(_lines(table))
+
+def _row_groups(rows: Iterator[Any]) -> Iterator[dict[str, list[Any]]]:
+    while several := [cells_of(row) for row in islice(rows, _ROW_GROUP)]:
+        yield {name: [cells[name] for cells in several] for name in several[0]}
+
+
+def _table_groups(tables: Iterator[Any]) -> Iterator[dict[str, np.ndarray]]:
+    """Those of tables of one antenna with a clamp that does not move."""
+    several = list[ContactTable]()
+    for table in chain(tables, [None]):
+        several += [] if table is None else [table]
+        if several and (table is None or sum(map(len, several)) >= _ROW_GROUP):
+            yield _columns_of(ContactTable.joined(several))
+            several.clear()
 
 
 def _columns_of(table: ContactTable) -> dict[str, np.ndarray]:

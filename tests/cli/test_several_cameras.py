@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from vbaa import ContactEstimator, InputError, Rig, load_session
 from vbaa_calib.cli.main import main
@@ -21,6 +20,7 @@ from vbaa_calib.simulate.scene.scene import bundled_scene
 from vbaa_calib.streams.bag_of_session import write_recording
 
 from ..made_once import made_once
+from ..small_scene import calibrated
 
 CAMERAS = ("left", "right")
 
@@ -40,15 +40,9 @@ def _scene() -> dict:
     return scene
 
 
-def _make(folder: Path) -> None:
-    (folder / "scene.yaml").write_text(yaml.safe_dump(_scene()))
-    assert main(["simulate", str(folder / "scene.yaml"), "-o", str(folder / "session")]) == 0
-    assert main(["calibrate", str(folder / "session"), "-o", str(folder / "rig.json")]) == 0
-
-
 @pytest.fixture(scope="module")
 def made() -> Path:
-    return made_once("two_cameras", _make)
+    return made_once("two_cameras", lambda folder: calibrated(folder, _scene()))
 
 
 def _rows(path: Path) -> list[dict[str, str]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-import zlib
 
 import numpy as np
 
@@ -12,10 +11,6 @@ from .case import Case, Row, cases
 from .every_file import CALIBRATE, ESTIMATE
 
 NOT_WHOLE, NONE = "is truncated or damaged", "is not a picture"
-
-
-def chunk(kind: bytes, body: bytes) -> bytes:
-    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
 
 
 def jpeg_of(width: int, height: int) -> d.Damage:

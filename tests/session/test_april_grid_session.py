@@ -9,20 +9,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from targets.board import AprilGrid
 from vbaa_calib.calibrate.lens_from_views import solve_lens
 from vbaa_calib.calibrate.pipeline import calibrate
 from vbaa_calib.calibrate.report import rig_document
-from vbaa_calib.cli.main import main
 from vbaa_calib.detect.board.corners import detect_folder
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session
 from vbaa_calib.simulate.scene.scene_file import load_scene
 
 from ..made_once import made_once
-from ..small_scene import small_scene
+from ..small_scene import simulated, small_scene
 
 BOARD = AprilGrid("aprilgrid", 4, 3, 0.03, 0.3)
 KALIBR = "{target_type: aprilgrid, tagCols: 4, tagRows: 3, tagSize: 0.03, tagSpacing: 0.3}"
@@ -31,9 +29,7 @@ KALIBR = "{target_type: aprilgrid, tagCols: 4, tagRows: 3, tagSize: 0.03, tagSpa
 def _simulated(folder: Path) -> None:
     scene = small_scene(noload=3, loads=(1, 3, 8, 9))
     scene |= {"board": BOARD.to_dict(), "sweep": True}
-    (folder / "scene.yaml").write_text(yaml.safe_dump(scene))
-    assert main(["simulate", str(folder / "scene.yaml"), "-o", str(folder / "session")]) == 0
-    shutil.rmtree(folder / "session" / "recording")
+    shutil.rmtree(simulated(folder, scene) / "recording")
 
 
 def written(folder: Path, board: str) -> Path:

@@ -28,7 +28,7 @@ from vbaa_calib.wizard.steps import REPORT, RIG, PictureCheck, Progress, Step
 from vbaa_calib.wizard.store import LOCK
 
 from ..made_once import made_once
-from ..small_scene import small_scene
+from ..small_scene import simulated, small_scene
 
 
 def rendered() -> Path:
@@ -37,9 +37,7 @@ def rendered() -> Path:
 
 
 def _render(folder: Path) -> None:
-    (folder / "scene.yaml").write_text(yaml.safe_dump(small_scene(noload=2, loads=(1, 8))))
-    assert main(["simulate", str(folder / "scene.yaml"), "-o", str(folder / "session")]) == 0
-    shutil.rmtree(folder / "session" / "recording")
+    shutil.rmtree(simulated(folder, small_scene(noload=2, loads=(1, 8))) / "recording")
 
 
 def answers(source: Path) -> dict[str, Any]:

@@ -12,9 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-import yaml
 
-from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.images import read_picture
@@ -28,7 +26,7 @@ from vbaa_calib.wizard.store import Store
 from vbaa_calib.wizard.ui import Ui, WizardView
 from viz.report import check as report
 
-from ..small_scene import small_scene
+from ..small_scene import simulated, small_scene
 from .small_session import answers
 
 MOST_ANSWERS, MOST_WITHOUT_READINGS = 25, 15
@@ -46,9 +44,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     level = {"pan_deg": 0.0, "tilt_deg": 0.0, "force_y_N": 0.0}
     places = ((0.1, 0.02), (0.16, 0.01), (0.2, 0.005))
     scene["loads"] = [level | {"distance_m": place, "force_z_N": -9.80665 * mass} for place, mass in places]
-    (folder / "scene.yaml").write_text(yaml.safe_dump(scene))
-    assert main(["simulate", str(folder / "scene.yaml"), "-o", str(folder / "session")]) == 0
-    return folder / "session"
+    return simulated(folder, scene)
 
 
 class Person(Ui):
