@@ -364,14 +364,15 @@ def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
 
     reported, likely = cost(read), list[tuple[float, _Misread, Recorded]]()
     some = np.arange(0, len(read), RecordingSettings.thinned)
-    few = None if case.usual else case.picked(some)
+    few, predicted = case.picked(some), np.isfinite(np.median(own[there]))
     if (drifting := _drifting(recorded, read - expected, np.hypot(std, own))) is not None:
         likely.append((np.inf, *drifting))
     for row in READINGS:
         corrected = row.correct(recorded) if row.of_moment else None
         if corrected is None or not _differs(corrected, recorded):
             continue
-        if few is not None:
+        # neighbours' moments fit as usual where most pictures allow a mirror image and predict none
+        if not case.usual or (row.name == "moment_late" and not predicted):
             gained = few.cost - few.cost_of(corrected.picked(some), row.log_density * known[some])
         else:
             # about other axes the pictures' moments say nothing

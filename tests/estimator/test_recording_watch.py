@@ -12,6 +12,9 @@ from benchmarks.mistakes.rigs import KINDS
 from estimator.diagnose.changes import CHANGES, axes_of, fitted
 from estimator.diagnose.evidence import Case, Recorded
 from estimator.diagnose.watch import RecordingWatch
+from estimator.table.contacts import Measured
+
+from ..rod_scenes import RIG_STD, World, camera_pose, frames, pushing
 
 
 @cache
@@ -69,3 +72,18 @@ def test_a_change_is_found_with_its_value(name: str) -> None:
     std = np.sqrt(np.diag(found.covariance))
     assert found.log_odds > 20.0
     assert (np.abs(found.steps + steps) < 5.0 * std + 0.05).all()
+
+
+@pytest.mark.parametrize(("direction_rad", "swell_m"), [(0.3, 0.03), (1.0, 0.015)])
+def test_moments_a_row_late_are_named_though_every_frame_fits(direction_rad: float, swell_m: float) -> None:
+    """Each picture allows a mirror image, and in most frames the neighbour's moment fits about as well."""
+    world, turn = World(camera_pose(0.5, 2.6)), 1.1 * np.arange(40)
+    sizes = np.where(turn < 4.0, 0.0, 0.045 + swell_m * np.sin(turn))
+    pushes = [pushing(direction_rad, size, 0.15) for size in sizes]
+    several = frames(world, [0.15] * 40, pushes, [0.1] * 40, np.random.default_rng(0), sigma_px=0.1)
+    for late, named in ((0, "joints_untested"), (1, "moment_late")):
+        watch = RecordingWatch(world.rig(0.25 * RIG_STD))
+        for row, one in enumerate(several):
+            read = several[max(row - late, 0)].moment_Nm, 0.0, one.tilt_rad
+            watch.push(Measured(one.points_px, np.full(300, 0.1), *read, time_s=0.1 * row))
+        assert watch.verdict().verdict.findings[0].name == named
