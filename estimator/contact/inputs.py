@@ -726,7 +726,7 @@ def _in_order(
     side of each frame's points, missing ones last; the number (B,) of points outside the picture, which count as
     missing; and each point's original index (B, N), None if unchanged.
 
-    The initialization takes every n-th point: it must not depend on the order in which the points were listed.
+    The initialization takes means of neighbours: it must not depend on the order in which the points were listed.
     """
     size, missing = rig.camera.image_size, np.zeros(len(points_px), int)
     _, disordered, *extents = core.solver.places(np.ascontiguousarray(points_px), False)

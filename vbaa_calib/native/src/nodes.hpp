@@ -12,7 +12,7 @@
 namespace vbaa::antenna {
 
 // Nodes at which a shape is written: evenly from the clamp to the contact, both included, and beyond it to the tip.
-constexpr int NODES_TO_CONTACT = 40, NODES_BEYOND = 17, CURVE_NODES = NODES_TO_CONTACT + NODES_BEYOND;
+constexpr int NODES_TO_CONTACT = 40, NODES_BEYOND = 21, CURVE_NODES = NODES_TO_CONTACT + NODES_BEYOND;
 constexpr int CONTACT = NODES_TO_CONTACT - 1;
 // Rows of eight for all nodes of one shape; those to the contact fill theirs.
 constexpr int NODE_ROWS = whole_lanes(CURVE_NODES) / LANES, INNER_ROWS = NODES_TO_CONTACT / LANES;

@@ -128,7 +128,7 @@ LargestError largest_error(const Rig& rig, const Fit& free, int every) {
     noise /= count;
     const double of_length = OF_LENGTH * rig.length_m / depth;
     const double far = std::max(std::max(of_length, OF_NOISE * noise), OF_RIG * std::sqrt(square / NODES));
-    return {far, far / noise};
+    return {far, far / noise * std::sqrt(every)};
 }
 
 double nearest_shape(const Rig& exact, Frame frame, const Grid& grid, const Unknowns& start, LargestError error,

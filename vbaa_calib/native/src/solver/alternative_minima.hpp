@@ -36,7 +36,7 @@ double most_distance(const Rig& rig, const Frame& frame, const Fit& fit, int eve
 double beyond_reach(const Rig& rig, const Frame& frame);
 
 // Largest distance, in the ideal picture, of the antenna's points from a rough fit by noise, rig and rung, and the
-// same in the points' σ.
+// same in the σ of means of every n points.
 struct LargestError {
     double far, scatter;
 };

@@ -13,11 +13,11 @@ namespace vbaa::solver {
 namespace {
 
 constexpr int ITERATIONS = 40;
-// A step with a smaller predicted decrease of the cost is the last one, and taken undamped: a hundredth of a standard
-// deviation, or one.
-constexpr double TOLERANCE = 1e-4, COARSE_TOLERANCE = 1.0;
+// A step with a smaller predicted decrease of the cost is the last one, and taken undamped: a twentieth of a standard
+// deviation, or three.
+constexpr double TOLERANCE = 1e-3, COARSE_TOLERANCE = 4.0;
 // Change of the distance or the tip's deflection, in antenna lengths, after which the rig's derivatives are renewed.
-constexpr double FAR = 0.02;
+constexpr double FAR = 0.005;
 // A smaller rise of the cost counts as none: it is not known better while the feet are not yet the nearest.
 constexpr double COST_NOISE = 1e-3;
 // Least damping, on a unit diagonal, after a step that was poorly predicted.
@@ -51,13 +51,12 @@ void begin(const Task& task, const Fit* rough, Fit& fit, bool with_feet, double 
     fit.to_tip = {};
     if (rough != nullptr) {
         fit.steps = rough->steps;
-        fit.columns = rough->columns;
-        fit.reading_columns = rough->reading_columns;
     } else {
         fill(fit.steps.view(), 0.0);
     }
     predict(rig, frame, rung, work.bent, fit, true);
-    if (rough == nullptr) rig_jacobian(rig, frame, LINEAR, work.bent, fit);
+    rig_jacobian(rig, frame, rough == nullptr ? LINEAR : rung, work.bent, fit);
+    work.slopes_at = fit.unknowns;
     if (!with_feet) nearest_feet(rig, frame, fit);
     renew(rig, frame, fit, work);
 }
@@ -131,9 +130,12 @@ struct Descent {
 // A step that raises the cost is accepted once, since along a bent valley the next one may lower it; if that one does
 // not either, the descent goes on from its lowest state, damped.
 void descend(const Rig& rig, const Frame& frame, int rung, Descent how, Fit& fit, Work& work) {
+    // predicted decrease below which the rig's derivatives are good as they are
+    constexpr double small = 1.0;
     const double tolerance = how.tolerance;
     double damping = 0.0, least = fit.cost;
-    bool uphill = false, stale = false, undamped = false, own = how.with_slopes, near = own;
+    bool uphill = false, stale = false, undamped = false, own = how.with_slopes;
+    bool near = own && tolerance > small;
     fit.converged = false;
     for (int iteration = 0; iteration < how.iterations; ++iteration) {
         double promise = damped_step(rig, fit, damping, work);
@@ -141,7 +143,7 @@ void descend(const Rig& rig, const Frame& frame, int rung, Descent how, Fit& fit
             promise = damped_step(rig, fit, damping = 0.0, work);
             undamped = true;
         }
-        near = near || (own && (promise < COARSE_TOLERANCE || stale));
+        near = near || (own && (promise < small || stale));
         fit.converged = promise < tolerance && !uphill && own;
         if (work.evaluations >= work.most) break;
         if (fit.converged && stale) {
@@ -228,7 +230,7 @@ void try_tip(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work)
 void converge(const Task& task, const Fit* rough, Fit& fit, bool with_feet) {
     const auto& [rig, frame, rung, work] = task;
     begin(task, rough, fit, with_feet, 1.0);
-    descend(rig, frame, rung, {TOLERANCE, false}, fit, work);
+    descend(rig, frame, rung, {TOLERANCE, rough != nullptr}, fit, work);
     for (int turn = 0; turn < ROUNDS && moved_far(rig, work.slopes_at, fit.unknowns); ++turn) {
         evaluate_at(rig, frame, rung, true, fit, work);
         descend(rig, frame, rung, {TOLERANCE, true}, fit, work);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <numeric>
 
 #include "lens.hpp"
 
@@ -142,13 +143,29 @@ double information_of(const Frame& frame) {
 }
 
 Thinned thinned(const Frame& frame, int most) {
-    const int every = std::max(frame.count / most, 1);
+    const int every = std::max(frame.count / most, 1), count = frame.count;
     Thinned few = {frame, every};
-    put_points(few.frame, (frame.count + every - 1) / every, [&](int i, int& clamp) -> std::array<double, 5> {
-        const ConstMatrix points = frame.points;
-        const int at = i * every;
-        clamp = frame.clamp[at];
-        return {points(0, at), points(1, at), points(2, at), points(3, at), points(4, at)};
+    const auto gaps = [&](int begin, int end) {
+        double total = 0.0;
+        for (int i = begin + 1; i < end; ++i) {
+            total += std::abs(frame.u()[i] - frame.u()[i - 1]) + std::abs(frame.v()[i] - frame.v()[i - 1]);
+        }
+        return total;
+    };
+    // neighbours with twice the usual gaps between them are not all at one place of the antenna
+    const double most_gaps = count ? 2.0 * every / count * gaps(0, count) : 0.0;
+    put_points(few.frame, (count + every - 1) / every, [&](int k, int& clamp) {
+        const int begin = k * every, end = std::min(begin + every, count);
+        const bool near = frame.clamp[begin] == frame.clamp[end - 1] && gaps(begin, end) <= most_gaps;
+        const int first = near ? begin : few.middle(k, count), last = near ? end : first + 1;
+        const double share = 1.0 / (last - first);
+        std::array<double, 5> mean;
+        for (int row = 0; row < 5; ++row) {
+            const double* values = frame.points.row(row).data;
+            mean[row] = share * std::accumulate(values + first, values + last, 0.0) * (row < 2 ? 1.0 : share);
+        }
+        clamp = frame.clamp[first];
+        return mean;
     });
     return few;
 }

@@ -38,10 +38,14 @@ Frame frame_of(const Rig& rig, const Pixels& pixels, int index);
 // Sum of one over the points' variances in the ideal picture.
 double information_of(const Frame& frame);
 
-// Every n-th point of a frame, about `most` of them, and n.
+// Means of every n neighbouring points of a frame, about `most` of them, and n. Where neighbours lie far apart, one of
+// them stands for all.
 struct Thinned {
     Frame frame;
     int every;
+
+    // The point in the middle of those that one stands for.
+    int middle(int k, int count) const { return std::min(k * every + every / 2, count - 1); }
 };
 Thinned thinned(const Frame& frame, int most);
 

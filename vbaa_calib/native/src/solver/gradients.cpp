@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "linear_algebra.hpp"
 #include "solver/normal_equations.hpp"
@@ -100,7 +101,15 @@ void by_points(const Fit& fit, ConstMatrix response, ConstVector usable, Cube fo
 Changes changes_by_rig(const Rig& rig, const Frame& frame, const Bent& bent) {
     const int count = rig.axes.shape[0];
     Changes changes(rig.nodes(), count);
-    for (int j = 0; j < rig.nodes(); ++j) std::copy_n(bent.raw.row(j).data, count, changes.shift.row(j).data);
+    std::vector<int> vectors(changes.shift.shape[1] / LANES);
+    std::iota(vectors.begin(), vectors.end(), 0);
+    for (int row = 0; row < rig.samples(); ++row) {
+        const int j = row / Samples::count * NODES + row % Samples::count * Samples::every;
+        std::copy_n(bent.raw.row(row).data, count, changes.shift.row(j).data);
+    }
+    for (int clamp = 0; clamp < rig.nodes(); clamp += NODES) {
+        fill_between_samples(vectors, 0, changes.shift.view().part(clamp, NODES));
+    }
     for (int k = 0; k < rig.readings; ++k) {
         for (int q = 0; q < count; ++q) changes.reading(k, q) = bent.raw_readings(k, q) * frame.available[k];
     }

@@ -49,7 +49,9 @@ void coarse_minima(Search& search) {
         if (!std::isfinite(cost) || !finite) continue;
         Fit& fit = *search.rough[k];
         // feet near the right ones
-        for (int i = 0; i < fit.points; ++i) fit.foot_m[i] = search.work.free.foot_m[i * search.some.every];
+        for (int i = 0; i < fit.points; ++i) {
+            fit.foot_m[i] = search.work.free.foot_m[search.some.middle(i, search.frame.count)];
+        }
         if (rough_minimum(search.rig, search.few, start, true, fit)) search.costs[k] = fit.cost;
         search.starts[k] = fit.unknowns;
     }
@@ -171,7 +173,7 @@ void near_feet(const Search& search, Fit& fit) {
     const Array<double, 1>&rough_m = search.rough[0]->foot_m, &free_m = search.work.free.foot_m;
     const Array<int, 1>& picture = search.some.frame.clamp;
     const int every = search.some.every, last = search.some.frame.count - 1;
-    const auto shift = [&](int k) { return rough_m[k] - free_m[k * every]; };
+    const auto shift = [&](int k) { return rough_m[k] - free_m[search.some.middle(k, search.frame.count)]; };
     for (int k = 0, i = 0; k <= last; ++k) {
         const bool followed = k < last && picture[k + 1] == picture[k];
         const double here = shift(k), apart = followed ? (shift(k + 1) - here) / every : 0.0;
@@ -270,8 +272,7 @@ void solve_frame(const Task& asked, const Rig& exact, const Unknowns& warm, cons
         coarse_minimum(task, work.best, false, MOST_SCATTER, 0);
         uncertainty(work.best, found, work);
     } else {
-        findings.ambiguous =
-            fit_on_rung(search, rung, demand.minima_only, found, findings.other, findings.marginal);
+        findings.ambiguous = fit_on_rung(search, rung, demand.minima_only, found, findings.other, findings.marginal);
     }
     const Fit& problem = with_right_shapes(search, rung);
     judge_rungs(search, model, problem, found, findings);

@@ -21,7 +21,7 @@ struct MarginalSettings {
     double fixed_weight = 1e4;  // that fixes the force, over the information on forces
     double tail = 1e-4;         // weight of each tail that is left out when the farthest values are searched
     double tail_std = 4.0;      // how far from the mean those may be, in σ
-    double far = 0.02;          // change of the tip's deflection, in antenna lengths, that renews the rig's slopes
+    double far = 0.005;         // change of the tip's deflection, in antenna lengths, that renews the rig's slopes
 };
 
 // Over the forces along the line of sight.

@@ -349,7 +349,8 @@ double least_cost(const Rig& rig, Fit& fit, int first, int rounds, Work& work, d
             }
             (a < UNKNOWNS ? fit.unknowns[a] : fit.steps[a - UNKNOWNS]) += step[k];
         }
-        if (promise < std::max(CONVERGED * (1.0 + fit.cost), 0.01 * (fit.cost - promise - enough))) break;
+        // the next one would promise a fifth of this one
+        if (promise < std::max(CONVERGED * (1.0 + fit.cost), fit.cost - promise - enough)) break;
     }
     return total_cost(rig, fit);
 }

@@ -57,7 +57,7 @@ double total_cost(const Rig& rig, const Fit& fit);
 
 // Least cost of the linear problem about a fit by IRLS, in so many rounds at most. Spoils the fit's state.
 // first : 0, or 4 where only the rig may move. The step is taken from where the fit is, priors included. What exceeds
-// `enough` need only be known to a hundredth.
+// `enough` need only be known to a fifth.
 double least_cost(const Rig& rig, Fit& fit, int first, int rounds, Work& work, double enough = INFINITE);
 
 // The cost with the σ that the points came with: only these compare between fits.

@@ -126,7 +126,7 @@ Bent::Bent(const Rig& rig)
       depth(rig.nodes(), LANES),
       by_step{},
       axes(rig.axes.shape[0], whole_lanes(UNKNOWNS + rig.shared)),
-      raw(rig.nodes(), whole_lanes(rig.axes.shape[0]) + LANES),
+      raw(rig.samples(), whole_lanes(rig.axes.shape[0]) + LANES),
       raw_readings(rig.reading_rows(), whole_lanes(rig.axes.shape[0]) + LANES),
       raw_point_force(6, whole_lanes(rig.axes.shape[0]) + LANES) {
     for (int q = 0; q < axes.shape[0]; ++q) std::copy_n(rig.axes.row(q).begin(), rig.shared, &axes(q, UNKNOWNS));

@@ -23,6 +23,12 @@ constexpr int UNKNOWNS = 4;
 constexpr int POSES = 6, ANTENNA = 9;                          // parameters of the camera's pose and of the antenna
 constexpr int NODES = antenna::CURVE_NODES, LAST = NODES - 1;  // of a curve, and the tip's
 constexpr int WIDE_NODES = whole_lanes(NODES);
+// Nodes at which derivatives by the rig are computed: every third, the contact and both ends among them. What is
+// between is a cubic.
+struct Samples {
+    static constexpr int every = 3, count = LAST / every + 1;
+};
+static_assert(CONTACT % Samples::every == 0 && LAST % Samples::every == 0);
 // Readings of a frame: those that every rig may have, then those of a sensor of more axes.
 enum Reading : int { ABOUT_Y, ABOUT_Z, END, ABOUT_X, ALONG_X, ALONG_Y, ALONG_Z, READINGS };
 // What readings are linear in: force and moment at the clamp, and 1. Parameters of the sensor about y: gain and offset.
@@ -88,6 +94,7 @@ struct Rig {
 
     // nodes of all pictures of the antenna, one camera's after the other's
     int nodes() const { return NODES * static_cast<int>(cameras.size()); }
+    int samples() const { return Samples::count * static_cast<int>(cameras.size()); }
     // L of each camera, one after the other
     int lines() const { return cameras[0].line.size() * static_cast<int>(cameras.size()); }
     int steps() const { return shared + lines(); }
@@ -228,8 +235,8 @@ struct alignas(LANES * sizeof(double)) Bent {
     double by_step[LANES];         // one over each lane's step
     double by_lens[2][18][LANES], seen[6][LANES];
     Array<double, 2> axes;  // (Q, K′) the rig's, in the columns that a fit has for them, zeros elsewhere
-    // derivatives (M, Q′), (reading_rows, Q′), (6, Q′) by the rig's Q parameters, with room to write whole vectors
-    // anywhere
+    // derivatives by the rig's Q parameters, (samples, Q′) of each picture, (reading_rows, Q′), (6, Q′), with room to
+    // write whole vectors anywhere
     Array<double, 2> raw, raw_readings, raw_point_force;
 
     explicit Bent(const Rig& rig);
