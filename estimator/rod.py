@@ -13,7 +13,7 @@ from dataclasses import fields
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vbaa_calib.antenna.materials import MATERIALS, Material, round_wire
+from vbaa_calib.antenna.materials import MATERIALS, Material
 from vbaa_calib.antenna.rod import TORSION_RATIO, Rod, RodShape, solve_rod
 from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import InputError, quoted
@@ -26,13 +26,18 @@ __all__ = ["Rod", "RodShape", "solve", "wire"]
 def wire(length_m: float, diameter_m: float, material: str = "stainless steel") -> Rod:
     """A round, straight wire of one of `materials.MATERIALS`, clamped along x.
 
-    Raises InputError for another material.
+    Raises InputError for another material, or a length or diameter that no antenna has: they are in metres.
     """
+    from vbaa_calib.core.models import checked
+    from vbaa_calib.session import NominalAntenna  # loads as long as all else here
+
     known = Material.named(material)
     if known is None:
         raise InputError(f"material is {quoted(material)}", remedy=f"give one of {', '.join(MATERIALS)}")
-    stiffness, mass = round_wire(known.youngs_modulus_Pa, known.density_kg_m3, diameter_m)
-    return Rod(length_m, stiffness, stiffness / TORSION_RATIO, mass)
+    stated = {"length_m": length_m, "diameter_m": diameter_m}
+    of_material = {"youngs_modulus_Pa": known.youngs_modulus_Pa, "density_kg_m3": known.density_kg_m3}
+    one = checked(NominalAntenna, stated | of_material, "wire", "give metres")
+    return Rod(one.length_m, one.stiffness_Nm2, one.stiffness_Nm2 / TORSION_RATIO, one.mass_per_length_kg_m)
 
 
 @gate

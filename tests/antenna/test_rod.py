@@ -5,9 +5,11 @@ import pytest
 from scipy.integrate import simpson, solve_bvp
 from scipy.spatial.transform import Rotation
 
+from estimator.rod import wire
 from vbaa_calib.antenna import rod as rod_module
 from vbaa_calib.antenna.elastica import planar_elastica_dead
 from vbaa_calib.antenna.rod import Rod, RodShape, solve_rod
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Pose
 
 L, EI, GJ, MASS, G = 0.24, 3.9e-3, 3.0e-3, 0.004, 9.80665
@@ -187,3 +189,10 @@ def test_batch_is_its_elements_and_a_guess_changes_nothing() -> None:
     for i in range(5):
         alone = solve_rod(rod, gravity[i : i + 1], contact[i : i + 1], force[i : i + 1])
         np.testing.assert_allclose(alone.points_m[0], together.points_m[i], atol=1e-10)
+
+
+@pytest.mark.parametrize("size", [(240.0, 0.8), (0.24, 0.8), (-0.24, 8e-4)])
+def test_a_wire_is_given_in_metres(size: tuple[float, float]) -> None:
+    assert wire(1e-3 * 240.0, 1e-3 * 0.8).length_m == 0.24
+    with pytest.raises(InputError, match="metres"):
+        wire(*size)
