@@ -64,7 +64,6 @@ CONTACTS = np.array([0.25, 0.5, 0.75, 1.0])
 NO_LOOKS = np.empty((0, 4))
 ODDS = SimpleNamespace(
     surface_spread=50.0,
-    colour_spread=15.0,
     edge_rate=0.1,
     hidden_odds=-1.5,
     hidden_root_odds=-3.0,

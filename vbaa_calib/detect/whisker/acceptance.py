@@ -27,10 +27,10 @@ def accepted(line: Centreline, inside: float, root: float, changing: bool) -> Ce
     return line.with_verdict(*(_doubt(line, max(inside, 1e-9), root, changing) or ("ok", "")))
 
 
-def best_of(lines: Sequence[Centreline], width_px: float, alike: float = AcceptanceSettings.other_line) -> Centreline:
-    """The likeliest of several centrelines; ambiguous if another one is more than `alike` times as likely."""
+def best_of(lines: Sequence[Centreline], width_px: float) -> Centreline:
+    """The likeliest of several centrelines; ambiguous if another one is about as likely."""
     ranked = sorted(lines, key=lambda line: (not line.found, -line.likely))
-    best = ranked[0]
+    best, alike = ranked[0], AcceptanceSettings.other_line
     for other in ranked[1:]:
         if best.found and other.found and other.likely > alike * best.likely and _differ(best, other, width_px):
             why = (
@@ -78,16 +78,12 @@ def _mean_distance(polyline: np.ndarray, points: np.ndarray) -> float:
 def _doubt(line: Centreline, inside: float, root: float, changing: bool) -> tuple[Verdict, str] | None:
     """The reason why a line is no antenna, or not enough of one; None where nothing contradicts it."""
     seen, breadth = line.seen, line.breadth
-    contrast, limits = line.amplitude / max(line.noise, 1e-9), AcceptanceSettings
+    limits = AcceptanceSettings
     share = f"{100 * seen:.0f} % of its length seen"
     if seen < 0.05:
         return "no_antenna", f"nothing in the picture looks like the antenna ({share})"
-    if breadth < limits.narrow:
-        return "no_antenna", f"what could be the antenna is {breadth:.1f} times as broad as it should be ({share})"
-    if contrast < limits.least_contrast:
-        return "no_antenna", f"what could be the antenna hardly stands out from the noise ({share})"
     least = limits.least_seen_changing if changing else limits.least_seen
-    if seen < least or (contrast <= limits.clear_contrast and seen / inside < limits.least_seen_inside):
+    if seen < least:
         return "too_little", f"too little of the antenna to be sure of it ({share})"
     if root < limits.least_root:
         return "too_little", f"the part near the clamp is not seen ({share})"

@@ -17,7 +17,7 @@ from .acceptance import best_of, of_antennas_shape, reject_faint
 from .centreline import Centreline, too_short
 from .corridor import Corridor, free_curve
 from .profile import measure, measure_on, measure_ribbon, refine_path
-from .settings import AcceptanceSettings, ProfileSettings, SearchSettings
+from .settings import ProfileSettings, SearchSettings
 
 SAMPLES = 72
 """Samples along a template."""
@@ -139,7 +139,7 @@ class AntennaFinder:
     def rough(self, picture: np.ndarray) -> np.ndarray:
         """(R, K, 2) paths that differ along which a picture (H, W[, 3]) is brighter or darker than on both sides."""
         score = self._scores(picture, None)
-        return self.paths_px[self._clearest(score - score.min(), self.settings.shapes, self.settings.rough_share)]
+        return self.paths_px[self._clearest(score - score.min(), self.settings.shapes, self.settings.share)]
 
     def shapes(self, picture: np.ndarray) -> list[tuple[np.ndarray, float]]:
         """Possible shapes (S, 2) of the antenna along which a picture (H, W[, 3]) has two edges, and their mean log
@@ -161,9 +161,9 @@ class AntennaFinder:
         lengths = float(arc_lengths(axis)[-1]) / settings.correlation_px
         kept: list[tuple[np.ndarray, float]] = []
         for odds, _, path, _ in found:
-            enough = not kept or odds > settings.measured_share * found[0][0]
+            enough = not kept or odds > settings.share * found[0][0]
             alike = (np.abs(path - each).max(axis=1).mean() < where.width_px for each, _ in kept)
-            if enough and len(kept) < settings.measured and not any(alike):
+            if enough and len(kept) < settings.shapes and not any(alike):
                 kept.append((path, odds / lengths))
         return kept
 
@@ -180,8 +180,7 @@ class AntennaFinder:
     def _likely(self, image: np.ndarray, picture: np.ndarray) -> Centreline:
         """The line along one of the likely shapes, even if it is brighter than its background here and darker there."""
         lines = [self._along_shape(image, picture, path, odds) for path, odds in self.shapes(picture)]
-        line = best_of(lines, self.corridor.width_px, AcceptanceSettings.other_changing)
-        return reject_faint(line, self.usual_height)
+        return reject_faint(best_of(lines, self.corridor.width_px), self.usual_height)
 
     def _along_shape(
         self, image: np.ndarray, picture: np.ndarray, path_px: np.ndarray, odds: float = np.nan
@@ -198,7 +197,7 @@ class AntennaFinder:
             path = self.path(image, rough, bright, blurred_px)
             line = measure_on(image, path, width, bright, blurred_px, self.corridor.taper)
             lines.append(of_antennas_shape(line, self.corridor, False))
-        return reject_faint(best_of(lines, width, AcceptanceSettings.other_line), self.usual_height)
+        return reject_faint(best_of(lines, width), self.usual_height)
 
 
 def finder(where: Corridor, camera: Camera, alike: AntennaFinder | None = None) -> AntennaFinder | None:
@@ -254,7 +253,7 @@ def _templates(corridor: Corridor) -> tuple[np.ndarray, float]:
     heading = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
     share = np.linspace(0.0, 1.0, len(axis))
     bent = []
-    for contact in SearchSettings.bent_at:
+    for contact in SearchSettings.few_contacts:
         reach = share / contact
         shape = np.where(reach < 1.0, reach * (2.0 - reach), 1.0)
         shape /= shape[-1]

@@ -102,16 +102,13 @@ def _between(image: np.ndarray, line: Centreline, width_px: float, pulled_px: fl
     return (line if uneven > ProfileSettings.uneven * pulled_px else between).doubted(pulled_px)
 
 
-def measure_ribbon(
-    picture: np.ndarray, path_px: np.ndarray, width_px: float, settings: RibbonSettings | None = None
-) -> Centreline:
+def measure_ribbon(picture: np.ndarray, path_px: np.ndarray, width_px: float) -> Centreline:
     """The centreline along a path (K, 2) on the antenna in a picture (H, W[, 3]): a ribbon, brighter or darker than
     both backgrounds, with illumination that varies smoothly along it."""
-    how, grey = settings or RibbonSettings(), picture.ndim == 2
+    how = RibbonSettings()
     half = int(np.ceil(how.flank_widths * width_px + how.flank_px))
     path_px = np.ascontiguousarray(path_px, np.float64)
-    picture = np.ascontiguousarray(picture if grey else picture[..., :3])
-    how = replace(how, alike=how.grey_alike) if grey else how
+    picture = np.ascontiguousarray(picture if picture.ndim == 2 else picture[..., :3])
     found = core.profile.measured_ribbon(picture, path_px, float(width_px), ProfileSettings.blur_px, half, how)
     if found is None:
         return NOTHING

@@ -22,15 +22,12 @@ class SearchSettings:
     # which it is known beforehand: profiles show less
 
     # an antenna of one polarity: tabled paths
-    bent_at: tuple[float, ...] = (0.12, 0.3, 0.5, 0.7, 0.85, 1.0, 1.8)  # parts of the length at which a force bends
-    # them; beyond one the bend is nearly an arc
     largest_turn_rad: float = 1.75  # of the antenna's direction from clamp to tip
     blurred_px: float = 8.0  # blur with which it is searched again where it is not found in focus
     other_path: float = 0.75  # score of a second path over the best one's, from which it is measured, too
 
     # edges of either polarity
-    surface_spread: float = 50.0  # grey levels: standard deviation of the luma of different surfaces
-    colour_spread: float = 15.0  # grey levels: the same of differences of colour
+    surface_spread: float = 50.0  # grey levels: standard deviation of the colours of different surfaces
     edge_rate: float = 0.1  # share of a background's places at which there is an edge: limits what one edge says
     hidden_odds: float = -1.5  # least log odds of a place: the antenna may be hidden there
     hidden_root_odds: float = -3.0  # the same in its first fifth, where hardly anything hides an antenna
@@ -38,13 +35,14 @@ class SearchSettings:
     correlation_px: float = 6.0  # length along which log odds count once
     strain_std: float = 0.01  # standard deviation of the largest strain at the antenna's surface: steel yields
     calibrated_clamp_px: float = 1.5  # by how much a calibrated antenna may be moved at its clamp
-    shapes: int = 4  # rough paths that are refined,
-    rough_share: float = 0.3  # whose scores above the worst one are at least this part of the best one's
-    measured: int = 3  # shapes that are measured, whose log odds are at least
-    measured_share: float = 0.4  # this share of the best one's
+    shapes: int = (
+        3  # that are refined, and measured, at most: rough ones whose scores above the worst path's are at least
+    )
+    share: float = 0.4  # this part of the best one's, refined ones whose log odds are
     contacts: tuple[float, ...] = (0.08, 0.12, 0.18, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95, 1.1, 1.8)
     # parts of the length at which a force may act; beyond one the bend is nearly an arc
-    few_contacts: tuple[float, ...] = (0.15, 0.3, 0.5, 0.7, 0.85, 1.1, 1.8)  # the same, on a rig that is not calibrated
+    few_contacts: tuple[float, ...] = (0.15, 0.4, 0.7, 1.1, 1.8)  # the same of tabled paths, and on a rig that is not
+    # calibrated
 
 
 @dataclass(frozen=True)
@@ -72,13 +70,11 @@ class RibbonSettings:
     width_std: float = 0.015  # prior standard deviation of the width, as a part of it
     blur_std: float = 0.1  # the same of the blur
     taper_std: float = 0.05  # part of its width by which it may be broader at one end
-    sides: float = 0.8  # standard deviation of light from one side, over the antenna's contrast
-    middles: float = 0.8  # the same of what is brighter or darker in the middle
+    shades: float = 0.8  # standard deviation of light from one side, and of what is brighter or darker in the middle,
+    # over the antenna's contrast
     bend_px: float = 0.04  # standard deviation of the second difference over 20 px of how far the path is off
     knot_px: float = 30.0  # between which its look changes linearly
-    alike: float = 0.4  # share of a profile's log odds that its neighbours do not have, too
-    grey_alike: float = 0.8  # the same in a picture without colours, of 81 and 144 path-traced and drawn ones
-    hidden: float = -1.5  # prior log odds of a profile to show the antenna
+    alike: float = 0.8  # share of a profile's log odds that its neighbours do not have, too
     change_px: float = 80.0  # length after which it is hidden, or seen again
     cut: float = 1.2  # standard deviations at which a pixel counts half
     passes: int = 8  # Gauss–Newton steps
@@ -95,18 +91,12 @@ class AcceptanceSettings:
     # how much of the guide must be seen; of a line whose polarity may change, more
     least_seen: float = 0.3  # fraction of the guide
     least_seen_changing: float = 0.5  # the same
-    least_seen_inside: float = 0.5  # fraction of what of the guide is in the picture, where the line is not clear
     least_root: float = 0.35  # fraction of the guide's first third: the antenna starts at the clamp
-    least_contrast: float = 2.0  # height over the noise of a pixel
-    clear_contrast: float = 8.0  # the same of a line that is clear
     faint: float = 0.4  # height over the usual one: a fainter line is another thing's
-    # its width over the expected one
-    narrow: float = 0.3  # least
-    broad: float = 1.8  # from here it may be out of focus, or a soft edge: more must be seen of it
-    least_seen_broad: float = 0.85  # fraction of such a line
+    broad: float = 1.8  # its width over the expected one, from which it may be out of focus, or a soft edge,
+    least_seen_broad: float = 0.85  # and this fraction of what of the guide is in the picture must be seen
     # another line
     other_line: float = 0.7  # how likely it is, over the first one, from which the picture is ambiguous
-    other_changing: float = 0.85  # the same of lines whose polarity may change
     moved: float = (
         0.1  # mean distance from where the antenna is expected, in lengths, up to which a line is the likelier
     )

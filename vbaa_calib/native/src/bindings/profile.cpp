@@ -64,12 +64,10 @@ nb::object measured_ribbon(const InPicture& image, const InMatrix& path_px, doub
     for (auto [name, to] : {std::pair{"width_std", &how.priors.width_std},
                             {"blur_std", &how.priors.blur_std},
                             {"taper_std", &how.priors.taper_std},
-                            {"sides", &how.priors.sides},
-                            {"middles", &how.priors.middles},
+                            {"shades", &how.priors.shades},
                             {"bend_px", &how.priors.bend_px},
                             {"knot_px", &how.priors.knot_px},
                             {"alike", &how.priors.alike},
-                            {"hidden", &how.priors.hidden},
                             {"change_px", &how.priors.change_px},
                             {"cut", &how.priors.cut}})
         *to = number<double>(settings, name);

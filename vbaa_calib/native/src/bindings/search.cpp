@@ -182,7 +182,6 @@ void bind_shapes(nb::module_& room) {
                                       view(contacts), clamp[0],    clamp[1]};
         detect::EdgeModel model;
         for (auto [name, to] : {std::pair{"surface_spread", &model.spread},
-                                {"colour_spread", &model.colour_spread},
                                 {"edge_rate", &model.rate},
                                 {"hidden_odds", &model.hidden},
                                 {"hidden_root_odds", &model.hidden_root},

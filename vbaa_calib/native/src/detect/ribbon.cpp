@@ -26,15 +26,14 @@ constexpr double DISTURBED = 3.0;    // times the noise at which a profile count
 // Log odds that a profile loses by squares of residuals where the ribbon is, over the noise's, that are more than so
 // many.
 constexpr double MISFIT = 0.2, ALLOWED = 6.0;
-constexpr double UNLIKE = 0.12;  // part of its light that no shade follows
-constexpr double MOST_ODDS = 4.0, LEAST_ODDS = -2.5;
-constexpr int FAR_PX = 64;           // distances from its edge at which the background's own structure is known
-constexpr double MORE_SPREAD = 1.7;  // of normal numbers' variance over that with the weights of pixels
-constexpr int EDGES = 3;             // that are tried in its place
-constexpr int PATTERN = 32;          // distances from its centre at which residuals are compared along it
-constexpr double PULLING_PX = 2.0;   // beyond its edge, in which those pull it
-constexpr double FAINTEST = 0.15;    // of the strongest channel's contrast
-constexpr double FINEST = 20.0;      // px that a bend's standard deviation refers to
+constexpr double UNLIKE = 0.12;     // part of its light that no shade follows
+constexpr double MOST_ODDS = 2.5;   // of a profile, either way
+constexpr int FAR_PX = 64;          // distances from its edge at which the background's own structure is known
+constexpr int EDGES = 3;            // that are tried in its place
+constexpr int PATTERN = 32;         // distances from its centre at which residuals are compared along it
+constexpr double PULLING_PX = 2.0;  // beyond its edge, in which those pull it
+constexpr double FAINTEST = 0.15;   // of the strongest channel's contrast
+constexpr double FINEST = 20.0;     // px that a bend's standard deviation refers to
 
 using Unknowns = std::array<Lanes, COLUMNS*(COLUMNS + 1) / 2>;
 constexpr int at(int i, int j) { return i * (i + 1) / 2 + j; }  // j ≤ i
@@ -114,9 +113,7 @@ struct Line {
 };
 
 double prior_of_shade(const RibbonPriors& model, int k) {
-    const int harmonic = (k + 1) / 2;
-    const double part = 1.2 / (1.0 + harmonic);
-    return k == 0 ? 3.0 : part * (k % 2 ? model.sides : model.middles);
+    return k == 0 ? 3.0 : model.shades * 1.2 / (1.0 + (k + 1) / 2);
 }
 
 Line begun(const std::vector<Crossings>& channels, double width_px, double blur_px, const RibbonPriors& model) {
@@ -344,7 +341,7 @@ Sums over_pixels(const Line& line, Channel& channel, const Table& table, const E
         for (int t = 0; t < length; ++t) {
             const double residual = pixels.far[t][lane], counted = pixels.counted[t][lane];
             const int bin = pixels.bin[t * LANES + lane];
-            channel.power[bin] += MORE_SPREAD * counted * square(residual);
+            channel.power[bin] += counted * square(residual);
             channel.number[bin] += counted;
             const double of_width = pixels.across[t][lane] * per_bin + 0.5 * PATTERN;
             const int place = static_cast<int>(bounded(of_width, 0.0, PATTERN - 1.0));
@@ -514,8 +511,8 @@ void weigh(Line& line, const std::vector<int>& active, int step) {
             misfit += square(channel.inner[n] / expected_rms(channel, n));
         }
         misfit /= static_cast<double>(line.channels.size());
-        const double least = part * *std::min_element(edges.begin(), edges.end()) + line.model.hidden;
-        return bounded(bounded(least, LEAST_ODDS, MOST_ODDS) - MISFIT * std::max(misfit - ALLOWED, 0.0), LEAST_ODDS,
+        const double least = part * *std::min_element(edges.begin(), edges.end());
+        return bounded(bounded(least, -MOST_ODDS, MOST_ODDS) - MISFIT * std::max(misfit - ALLOWED, 0.0), -MOST_ODDS,
                        MOST_ODDS);
     });
     const Numbers seen = chain(odds, 1.0 - std::pow(1.0 - 1.0 / line.model.change_px, step));
@@ -901,7 +898,7 @@ Ribbon answer(const Line& line) {
     const int count = line.count();
     Ribbon found;
     found.seen = line.seen;
-    for (Numbers* numbers : {&found.centre, &found.sigma_px, &found.shared_px, &found.height, &found.rms})
+    for (Numbers* numbers : {&found.centre, &found.sigma_px, &found.shared_px, &found.height})
         *numbers = Numbers(count);
     double power = 0.0, most = 0.0;
     found.strongest = 0;
@@ -930,19 +927,17 @@ Ribbon answer(const Line& line) {
     }
     found.shades = Table(count, SHADES);
     for (int n = 0; n < count; ++n) {
-        double information = 1e-12, side = 0.0, residual = 0.0, height = 1e-12;
+        double information = 1e-12, side = 0.0, height = 1e-12;
         for (const Channel& channel : line.channels) {
             const Reduced& own = channel.equations[n];
             information += own(AT_PLACE, AT_PLACE);
             side += own(AT_LEVEL, AT_PLACE);
             for (int k = 0; k < SHADES; ++k) side -= own(AT_PLACE, k) * channel.shades(n, k);
             for (double each : shown(channel, n)) height += square(each) / several;
-            residual += square(channel.rms[n] / expected_rms(channel, n)) / several;
         }
         const std::array<double, SHADES> strongest = shown(line.channels[found.strongest], n);
         for (int k = 0; k < SHADES; ++k) found.shades(n, k) = strongest[k];
         found.height[n] = std::sqrt(height);
-        found.rms[n] = std::sqrt(residual);
         const double off = bounded(side / information, -2.0, 2.0);
         found.centre[n] = (line.course[n] + off) * first.side[n] * first.stretch[n];
         found.sigma_px[n] = 1.0 / std::sqrt(information);

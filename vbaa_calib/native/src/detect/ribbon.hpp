@@ -15,11 +15,10 @@ namespace vbaa::detect {
 // What is supposed of it.
 struct RibbonPriors {
     double width_std, blur_std, taper_std;  // prior deviations, of logarithms; of the part by which it tapers
-    double sides, middles;                  // of antisymmetric and symmetric shades, over the antenna's contrast
+    double shades;                          // over the antenna's contrast
     double bend_px;                         // of the course's second difference over 20 px: what the path is off by
     double knot_px;                         // between which its shades change linearly
     double alike;                           // share of a profile's log odds that its neighbours do not have, too
-    double hidden;                          // prior log odds for a profile to show something else
     double change_px;                       // length after which it is hidden, or seen again
     double cut;                             // deviations at which a pixel counts half
     int passes;                             // rounds
@@ -33,7 +32,6 @@ struct Ribbon {
     Numbers seen;       // (N,) probability that it is seen there
     Numbers height;  // (N,) what it shows above the mean of its two sides, grey levels: root mean square over it, all
                      // channels
-    Numbers rms;     // (N,) residuals of its pixels over the noise
     int strongest;   // channel in which it stands out the most
     Table shades;    // (N, SHADES) above the mean of both sides, grey levels of that channel
     double noise;    // of a pixel, grey levels

@@ -7,26 +7,24 @@ namespace vbaa::detect {
 
 namespace {
 
-constexpr double SEEN = 0.5;        // least probability
-constexpr double UNSURE = 0.4;      // part of the width up to which a point must be known
-constexpr double DISTURBED = 25.0;  // a profile with residuals so many times the noise shows something else
-constexpr int MARGIN_PX = 2;        // dropped on either side of a gap: they show part of what hides the antenna
-// Part of the width by which the line may be pulled in any case; deviations of a profile by which what is left alike
-// all along the line may pull it, were its variance the noise's.
-constexpr double PULLED = 0.0002, LEFT = 2.5, MOST_LEFT = 0.08;
+constexpr double SEEN = 0.5;    // least probability
+constexpr double UNSURE = 0.4;  // part of the width up to which a point must be known
+constexpr int MARGIN_PX = 2;    // dropped on either side of a gap: they show part of what hides the antenna
+// Deviations of a profile by which what is left alike all along the line may pull it, were its variance the noise's.
+constexpr double LEFT = 2.5;
 // Without colours light from one side looks like a shift: part of the width, over the share of such light in what the
 // ribbon shows.
 constexpr double LOPSIDED = 0.045;
 // Light, width and blur are never quite as the model has them. How far that moves the whole line shows in what
 // neighbours share of their scatter about it: so many deviations, where that power is more than that of noise alone.
-constexpr double MISFIT = 6.0, NOISE_ALONE = 0.6, LEAST_MISFIT = 0.25;
+constexpr double MISFIT = 6.0, NOISE_ALONE = 0.6;
 
 // What in a ribbon's profiles is kept of a line.
 Flags kept_of(const Crossings& found, const Ribbon& ribbon, double width_px) {
     const double half = 0.5 * (found.profiles.shape[1] - 1);
     return each(found.inside.size(), [&](int n) {
-        return found.inside[n] && ribbon.seen[n] > SEEN && ribbon.rms[n] < DISTURBED &&
-               ribbon.sigma_px[n] < UNSURE * width_px && std::abs(ribbon.centre[n]) < half - 2.0;
+        return found.inside[n] && ribbon.seen[n] > SEEN && ribbon.sigma_px[n] < UNSURE * width_px &&
+               std::abs(ribbon.centre[n]) < half - 2.0;
     });
 }
 
@@ -76,11 +74,10 @@ void calibrate(const Crossings& found, const Ribbon& ribbon, const RibbonMeasuri
             whole += square(ribbon.shades(n, k));
             if (k == 1 || k > 2) one_sided += square(ribbon.shades(n, k));
         }
-    const double pulled = (PULLED + (how.channels > 1 ? 0.0 : LOPSIDED * std::sqrt(one_sided / whole))) * how.width_px;
+    const double pulled = how.channels > 1 ? 0.0 : LOPSIDED * std::sqrt(one_sided / whole) * how.width_px;
     const Numbers shared = each(line.kept.size(), [&](int n) {
-        const double left =
-            LEFT * std::sqrt(found.profiles.shape[1] * std::min(ribbon.pattern, MOST_LEFT)) * ribbon.sigma_px[n];
-        return std::hypot(std::hypot(std::max(misfit, LEAST_MISFIT) * ribbon.shared_px[n], left), pulled);
+        const double left = LEFT * std::sqrt(found.profiles.shape[1] * ribbon.pattern) * ribbon.sigma_px[n];
+        return std::hypot(std::hypot(misfit * ribbon.shared_px[n], left), pulled);
     });
     line.effective_px = each(line.kept.size(), [&](int n) {
         return std::sqrt(square(line.sigma_px[n]) * std::max(factor, 1.0) + SHARED_RUN * square(shared[n]));

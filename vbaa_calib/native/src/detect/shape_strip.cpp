@@ -156,7 +156,7 @@ void edges_at(int station, const Samples& apart, const Table& usual, const Sizes
         for (int t = from; t <= to; ++t) sum += usual(t, k);
         const double variance =
             std::max({sum / (to - from + 1), square(model.noise[k]), static_cast<double>(LEAST_VARIANCE)});
-        const auto [rise, low] = edge_scale(model.edges, k, variance);
+        const auto [rise, low] = edge_scale(model.edges, variance);
         const float* const off = apart.row(station).row(k).data;
         for (int e = 0; e < sizes.edges; ++e) edge[e] = std::max(edge[e], off[e] * off[e] * rise - low);
     }

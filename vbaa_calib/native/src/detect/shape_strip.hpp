@@ -14,13 +14,13 @@ namespace vbaa::detect {
 
 // What is supposed of edges and colours; grey levels of 8 bits. Luma and the two differences of colour, where it has.
 struct EdgeModel {
-    double spread = 0.0, colour_spread = 0.0;  // deviation of the colours of different surfaces
-    double rate = 0.0;                         // share of places of a background at which there is an edge
-    double hidden = 0.0;                       // least log odds of a place: the antenna may be hidden there
-    double hidden_root = 0.0;                  // the same over its first fifth, where hardly anything hides it
-    double correlation_px = 0.0;               // along which log odds count once
-    double strain = 0.0;                       // deviation of its surface's strain where it is bent the most
-    double look = 0.0;                         // most that the colour of a place counts
+    double spread = 0.0;          // deviation of the colours of different surfaces
+    double rate = 0.0;            // share of places of a background at which there is an edge
+    double hidden = 0.0;          // least log odds of a place: the antenna may be hidden there
+    double hidden_root = 0.0;     // the same over its first fifth, where hardly anything hides it
+    double correlation_px = 0.0;  // along which log odds count once
+    double strain = 0.0;          // deviation of its surface's strain where it is bent the most
+    double look = 0.0;            // most that the colour of a place counts
 };
 
 constexpr int MOST_CHANNELS = 3;
@@ -96,8 +96,8 @@ struct EdgeScale {
     float rise, low;
 };
 
-inline EdgeScale edge_scale(const EdgeModel& model, int channel, double variance) {
-    const double all = variance + 2.0 * square(channel ? model.colour_spread : model.spread);
+inline EdgeScale edge_scale(const EdgeModel& model, double variance) {
+    const double all = variance + 2.0 * square(model.spread);
     return {static_cast<float>(0.5 / variance - 0.5 / all), static_cast<float>(0.5 * std::log(all / variance))};
 }
 
