@@ -51,6 +51,12 @@ def _unused_witnesses(counts: Mapping[str, int], frames: int) -> list[Diagnosis]
             "centreline points lie outside the picture and are left out",
             "check the tracker, and that the pictures have the size of the calibration",
         ),
+        (
+            counts["friction_beyond"],
+            counts["friction_known"],
+            "friction angles are beyond twice what --friction allows for, which makes distances worse than stated,",
+            "give a larger --friction: 0.3 for dry metal, 0.5 for rubber",
+        ),
     ):
         if whole >= settings.fewest_used and unused > settings.unused_share * whole:
             words = f"{what} in {unused} of {whole} frames"

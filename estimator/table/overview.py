@@ -31,6 +31,8 @@ class Overview:
     outside : centreline points outside the picture, which are left out; frames with such, and the points used in these.
     ends : frames in which the antenna's visible end was seen, and those in which it contradicts the rest and is not
         used.
+    friction : frames that determine the friction angle, and those in which it is beyond twice its standard deviation
+        beforehand (`--friction`).
     partly : contacts with a force that is unknown in some direction.
     """
 
@@ -42,6 +44,7 @@ class Overview:
     reasons: dict[tuple[str, str], dict[str, Any]] = field(default_factory=dict)
     outside: Counter[str] = field(default_factory=Counter)
     ends: Counter[str] = field(default_factory=Counter)
+    friction: Counter[str] = field(default_factory=Counter)
     partly: int = 0
 
     def __post_init__(self) -> None:
@@ -57,6 +60,8 @@ class Overview:
             self.ends.update({"seen": 1, "unused": int(not contact.end_used)})
         if contact is not None and contact.status in LOCATED and math.isnan(contact.force_N[1] + contact.force_N[2]):
             self.partly += 1
+        if contact is not None and contact.status in LOCATED:
+            self._add_friction(contact)
         if measured is not None and measured.outside_points:
             used = len(measured.points_px)
             self.outside.update({"frames": 1, "points": measured.outside_points, "used": used})
@@ -72,6 +77,7 @@ class Overview:
         """Count many frames with their results. read : (B,) by channel, what was read, NaN where nothing was. points :
         (B, 2) of each, the number of those outside the picture, and of those that are used."""
         self.frames += len(table)
+        self._add_friction(table, table.located)
         self.partly += int((table.located & np.isnan(table.force_y_N + table.force_z_N)).sum())
         if (lost := points[:, 0] > 0).any():
             outside, used = points[lost].sum(axis=0).tolist()
@@ -79,6 +85,13 @@ class Overview:
         self.read.update({name: int((~np.isnan(read[name])).sum()) for name in _named(self.columns)})
         for one in zip(table.frame.tolist(), table.status.tolist(), table.reason.tolist(), strict=True):
             self.add_result(*one)
+
+    def _add_friction(self, found: Contact | ContactTable, located: np.ndarray | bool = True) -> None:
+        """Count located frames with a friction angle known to half its prior, and those with one beyond twice it."""
+        prior = found.friction_prior_rad
+        known = located & (found.friction_angle_std_rad < 0.5 * prior)
+        beyond = known & (np.abs(found.friction_angle_rad) > 2.0 * prior)
+        self.friction.update({"known": int(np.sum(known)), "beyond": int(np.sum(beyond))})
 
     def add_result(self, frame: int, status: str, reason: str) -> None:
         """Count a frame's status and reason."""
@@ -120,6 +133,7 @@ class Overview:
         self.outside["frames"] += unused.get("outside_frames", 0)
         self.outside["points"] += unused.get("outside_points", 0)
         self.ends.update({"seen": unused.get("ends_seen", 0), "unused": unused.get("ends_unused", 0)})
+        self.friction.update({name: unused.get(f"friction_{name}", 0) for name in ("known", "beyond")})
         self.partly += numbers.get("forces_partly_known", 0)
         self.status.update(numbers["status"])
         for one in numbers["reasons"]:
@@ -139,9 +153,10 @@ class Overview:
 
     @property
     def unused(self) -> dict[str, int]:
-        """Numbers of frames with a visible end, of ends not used, of frames with points outside the picture, and of
-        such points."""
+        """Numbers of frames with a visible end, of ends not used, of frames with points outside the picture, of such
+        points, of frames with a known friction angle, and of those beyond twice `--friction`."""
         counts = {f"ends_{name}": self.ends[name] for name in ("seen", "unused")}
+        counts |= {f"friction_{name}": self.friction[name] for name in ("known", "beyond")}
         return counts | {f"outside_{name}": self.outside[name] for name in ("frames", "points")}
 
     def outside_in_words(self, image_size: tuple[int, int]) -> list[str]:

@@ -9,12 +9,17 @@ import pytest
 
 from benchmarks.mistakes.recordings import Recording, clean_recording
 from benchmarks.mistakes.rigs import KINDS
+from estimator import RecordingVerdict
 from estimator.diagnose.changes import CHANGES, axes_of, fitted
+from estimator.diagnose.consequences import with_unused
 from estimator.diagnose.evidence import Case, Recorded
 from estimator.diagnose.watch import RecordingWatch
 from estimator.table.contacts import Measured
+from estimator.table.overview import Overview
+from vbaa_calib.session import Frame
 
 from ..rod_scenes import RIG_STD, World, camera_pose, frames, pushing
+from .contact_scenes import answered, rubbed
 
 
 @cache
@@ -87,3 +92,16 @@ def test_moments_a_row_late_are_named_though_every_frame_fits(direction_rad: flo
             read = several[max(row - late, 0)].moment_Nm, 0.0, one.tilt_rad
             watch.push(Measured(one.points_px, np.full(300, 0.1), *read, time_s=0.1 * row))
         assert watch.verdict().verdict.findings[0].name == named
+
+
+@pytest.mark.parametrize(("assumed_rad", "doubted"), [(0.2, True), (0.5, False)])
+def test_more_friction_than_allowed_for_is_doubted(assumed_rad: float, doubted: bool) -> None:
+    """Of a recording; each frame by itself is only improbable."""
+    signs = np.where(np.arange(30) % 2, 1.0, -1.0)
+    given = rubbed(World(camera_pose(0.0)).rig(0.25 * RIG_STD), np.linspace(0.5, 0.8, 30), [30.0] * 30, 0.5 * signs)
+    overview = Overview()
+    for row, contact in enumerate(answered(given, friction=assumed_rad)):
+        overview.add_readings(Frame(None, 0.0, 0.0, None, row, time_s=0.1 * row), contact=contact)
+    findings = with_unused(RecordingVerdict(), overview.unused, overview.frames).verdict.findings
+    assert overview.unused["friction_known"] > 20
+    assert ["--friction" in one.remedy for one in findings] == [True] * doubted
