@@ -105,16 +105,17 @@ def _most_scale(shape: Sequence[int], settings: RodSettings) -> float:
     return float(min(1.0, np.sqrt(1e6 * settings.most_megapixels / (shape[0] * shape[1]))))
 
 
-def _levels_of(planes: np.ndarray, settings: RodSettings) -> list[tuple[_Level, float]]:
-    """Pyramid levels for each ribbon width (in the picture's pixels), the widest first."""
+def _levels_of(planes: np.ndarray, settings: RodSettings, finer: float = 1.0) -> list[tuple[_Level, float]]:
+    """Pyramid levels for each ribbon width (in the picture's pixels), the widest first; down to widths that are by the
+    factor `finer` smaller than usual."""
     height, width = planes.shape[1:]
-    most = _most_scale(planes.shape[1:], settings)
+    most = finer * _most_scale((height, width), settings)
     widths = [settings.narrowest_px / most]
     while widths[-1] < settings.widest * min(height, width):
         widths.append(widths[-1] * settings.width_step)
     level, levels = _Level(planes, 1.0), []
     for width_px in widths:
-        level = level.reduced(min(most, settings.level_width_px / width_px), (height, width))
+        level = level.reduced(min(most, 1.0, settings.level_width_px / width_px), (height, width))
         levels.append((level, width_px))
     return levels[::-1]
 
@@ -123,21 +124,24 @@ def _paths_at(
     at: tuple[_Level, float],
     ends: tuple[np.ndarray | None, np.ndarray | None],
     settings: RodSettings,
-    bound: float,
+    limits: tuple[float, float],
     colours: np.ndarray | None = None,
 ) -> list[_RodPath]:
     """Candidate paths of ribbons of one width `at` a level (in the photograph's pixels), the best first; from clamp to
-    tip where these are known. Their evidence is at least the best's less `bound`, and their colour one of `colours` (K,
-    channels) if any."""
-    (level, width_px), (clamp, tip) = at, ends
+    tip where these are known. Their colour is one of `colours` (K, channels) if any.
+
+    limits : evidence that they may lack, and least log odds of a correlation length.
+    """
+    (level, width_px), (clamp, tip), (bound, gap) = at, ends, limits
     height, columns = level.planes.shape[1:]
     width, diagonal = width_px * level.scale, float(np.hypot(height, columns))
     if min(height, columns) < 2 * core.search.ROW_STEP:
         return []
     texture = level.texture(settings.flank_widths * width, settings)
-    down = _ribbon_evidence(level, width, texture, settings)
+    searched = replace(settings, gap=gap)
+    down = _ribbon_evidence(level, width, texture, searched)
     transposed = _Level(np.ascontiguousarray(level.planes.swapaxes(1, 2)), level.scale)
-    across = _ribbon_evidence(transposed, width, texture, settings)
+    across = _ribbon_evidence(transposed, width, texture, searched)
     if colours is not None:
         spread = settings.other_colour * _shading_of(len(level.planes), settings)
         smooth = [cv2.blur(each, (3, 3)) for each in level.planes]
@@ -394,7 +398,11 @@ def _judged(
     tolerance = settings.click_share * float(np.hypot(*patch.size)) + 0.5 * wide
     off = [float(np.hypot(*(end - at))) for end, at in zip(ends, line[[0, -1]], strict=True) if end is not None]
     missed = [each / tolerance for each in off if each > 0.5 * wide]  # nearer it is on the rod
-    parts |= {"edges": edged, "length_share": length / diagonal, "off_clicks": float(np.sum(np.square(missed)))}
+    # nobody clicks the ends of a shadow: its middle, as far as it is seen, is its width off that of the rod
+    away = [float(np.hypot(*(end - patch.back(points)).T).min()) for end in ends if end is not None]
+    off_ends = float(np.clip(2.0 * max(away) / wide - 1.0, 0.0, 1.0)) if len(away) == 2 else 1.0
+    parts |= {"edges": edged, "length_share": length / diagonal}
+    parts |= {"off_clicks": float(np.sum(np.square(missed))), "off_ends": off_ends}
     holder, goes_on = (0.0, 0.0), (False, False)
     if len(off) < 2:
         holder = _holders(planes, noise, curve, width, settings)
@@ -655,7 +663,7 @@ def _rod_odds(parts: dict[str, float], known: int, covered: bool, loose: float, 
         min(0.0, parts["mean"] - settings.usual_mean),
         min(1.0, float(np.log(contrast / settings.usual_contrast))),
         min(parts["sides"], 3.0),
-        parts["shadow"],
+        parts["shadow"] * parts["off_ends"],
         min(float(np.sqrt(parts["unseen_turn"])), 1.5),
         parts["unseen"] ** 2,
         min(parts["off_clicks"], 1.0),
@@ -1074,7 +1082,7 @@ def search_rod(
         settings = replace(settings, chroma_spread=settings.spread)  # shadows and highlights have the surface's hue
         paths: list[_RodPath] = []
         for at in _levels_of(planes, settings):
-            paths += _paths_at(at, (clamp, tip), settings, settings.most_cost_alone)
+            paths += _paths_at(at, (clamp, tip), settings, (settings.most_cost_alone, settings.gap))
         paths.sort(key=lambda path: -path.evidence)
         found = _lines(planes, _grouped(paths, settings), [clamp, tip], settings)
     found.sort(key=lambda fit: -fit.evidence)
@@ -1083,12 +1091,16 @@ def search_rod(
 
 def _between(planes: np.ndarray, clamp: np.ndarray, tip: np.ndarray, settings: RodSettings) -> list[_MeasuredRod]:
     """Lines from clamp to tip."""
-    levels = _levels_of(planes, settings)
-    found = _measured(planes, levels, (clamp, tip), settings)
+    # a known end leaves few places to look at: there is time for thinner rods
+    levels = _levels_of(planes, settings, settings.width_step)
+    found = _measured(planes, levels, (clamp, tip), settings, settings.gap)
+    if not any(line.is_whole(settings) for line in found):
+        # the shortest way was across the background, which now says as much against a rod as it can
+        found += _measured(planes, levels, (clamp, tip), settings, -np.inf)
     best = max(found, key=lambda line: line.evidence, default=None)
     if best is not None and not best.is_good(settings) and best.parts["mean"] > settings.coloured_mean:
         # of one colour, as at the ends
-        found += _measured(planes, levels, (clamp, tip), settings, best.end_colours(planes))
+        found += _measured(planes, levels, (clamp, tip), settings, settings.gap, best.end_colours(planes))
     return found
 
 
@@ -1097,16 +1109,20 @@ def _measured(
     levels: list[tuple[_Level, float]],
     ends: tuple[np.ndarray, np.ndarray],
     settings: RodSettings,
+    gap: float,
     colours: np.ndarray | None = None,
 ) -> list[_MeasuredRod]:
-    """Measured lines from clamp to tip, searching from the widest ribbons to the narrowest until one is a good rod."""
+    """Measured lines from clamp to tip, searching from the widest ribbons to the narrowest until one is a good rod.
+
+    gap : least log odds of a correlation length of the paths that are measured.
+    """
     found: list[_MeasuredRod] = []
     bound, mean, (clamp, tip) = settings.most_cost, 0.0, ends
     for at in levels:
         width_px = at[1]
         if any(line.is_good(settings) and line.width_px > 1.8 * width_px for line in found):
             break
-        for path in _paths_at(at, ends, settings, bound, colours):
+        for path in _paths_at(at, ends, settings, (bound, gap), colours):
             length = max(arc_lengths(path.path_px)[-1], np.hypot(*(tip - clamp)))  # wide paths end short of the ends
             mean = max(mean, path.mean)
             if length < settings.least_aspect * width_px or path.mean < max(settings.least_path_mean, mean - 1.0):

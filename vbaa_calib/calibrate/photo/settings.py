@@ -96,12 +96,12 @@ class RodSettings:
         *(4.0, 4.2, -2.5, 2.2, -1.8, -1.8),
     )
     """Log odds of a rod, for each: 1, known ends, mean evidence below `usual_mean`, log contrast over
-    `usual_contrast` up to 1, difference of both sides over the contrast, share that may be shadow, square root of the
-    bend in radians where nothing is seen, squared share of the longest piece without evidence (a quarter may be
-    anything), squared distance from clicks in tolerances; unless both ends are known: share of places with both edges
-    below `good_edges`, bend in radians up to `bent`, that beyond `most_bend`, log length in diagonals, an end that may
-    be covered, nothing beyond either end. From logistic regression of the rod among a picture's lines and none, on half
-    of 630 pictures (ends known in 370) and 90 without a rod."""
+    `usual_contrast` up to 1, difference of both sides over the contrast, share that may be shadow (0 between clicks on
+    the line), square root of the bend in radians where nothing is seen, squared share of the longest piece without
+    evidence (a quarter may be anything), squared distance from clicks in tolerances; unless both ends are known: share
+    of places with both edges below `good_edges`, bend in radians up to `bent`, that beyond `most_bend`, log length in
+    diagonals, an end that may be covered, nothing beyond either end. From logistic regression of the rod among a
+    picture's lines and none, on half of 630 pictures (ends known in 370) and 90 without a rod."""
     usual_mean: float = 2.6
     """Mean evidence below which a line is less likely a rod."""
     usual_contrast: float = 18.0
