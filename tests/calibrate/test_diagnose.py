@@ -175,11 +175,15 @@ def mistaken(evidence: JigEvidence, slip: Slip) -> JigEvidence:
 
 @pytest.mark.parametrize("slip", slow_but(2, SLIPS))
 def test_a_slip_in_the_jigs_pose_is_named(slip: str) -> None:
+    """Alone, or with what the free antenna does not tell from it; in one draw of five it may hardly move that."""
     name, change = SLIPS[slip]
-    for seed in range(3, 4 + 4 * (slip not in list(SLIPS)[:2])):
-        found = jig_diagnoses(mistaken(jig_of(seed), change))
-        assert [one.name for one in found] == [name] or (not found and slip in SHOWN_BY_LOADS), (seed, found)
-        assert all(one.grave for one in found)
+    seeds = range(3, 4 + 4 * (slip not in list(SLIPS)[:2]))
+    every = [jig_diagnoses(mistaken(jig_of(seed), change)) for seed in seeds]
+    for found in filter(None, every):
+        (one,) = found
+        assert one.grave or slip in SHOWN_BY_LOADS
+        assert one.name == name or "; or " in one.words, found
+    assert slip in SHOWN_BY_LOADS or every.count([]) <= len(every) // 5
 
 
 @pytest.mark.parametrize("seed", slow_but(1, range(40)))

@@ -233,7 +233,8 @@ class JigEvidence:
         """Whether lines and other ways lie so near to what was reported that no explanation could gain more than its
         prior costs."""
         _, problem, solution = self.solved(self.reported, lines, scale)
-        if problem is None or solution is None or scale > _JigSettings.scattered * _JigSettings.correlated:
+        largest = _JigSettings.scattered * _JigSettings.correlated
+        if problem is None or solution is None or self._scale(self.reported, lines) > largest:
             return False
         return solution.prior_cost < _JigSettings.least_cost
 
@@ -250,6 +251,11 @@ class JigEvidence:
                 *_some(self.lines, _JigSettings.some_loaded, True),
             ]
             scale = self._scale(self.reported, some)
+            if scale > _JigSettings.scattered * _JigSettings.correlated:
+                # what is reported may be why they lie so far off: by a scatter as large nothing could be told apart
+                scale = min(
+                    self._scale(case, some) for case in [self.reported, *_slips(self), *_mirrored_pictures(self)]
+                )
             return some, scale, self.solved(self.reported, some, scale)[0]
         best: tuple[tuple[int, float], Sequence[Observation], float] = ((0, -np.inf), [], 1.0)
         places: list[tuple[Pose, tuple[bool, bool]]] = []
