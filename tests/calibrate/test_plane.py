@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -230,7 +231,12 @@ def test_the_pose_is_found_within_its_uncertainty(name: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("paint", [0.92, 0.05])
 def test_the_covariance_is_that_of_many_draws(paint: float) -> None:
-    values = np.array([draw(seed, paint) for seed in range(24)])
+    found = []
+    for seed in range(24):
+        with suppress(InputError):  # in about one draw the antenna is not found as it is, and said so
+            found.append(draw(seed, paint))
+    values = np.array(found)
+    assert len(values) >= 23
     # a bright tip over white print is misjudged, by millimetres, in about one draw of these 24
     assert np.sum(values > 30.0) <= 1
     # six degrees of freedom; the mean of 24 has a standard deviation of 0.7
