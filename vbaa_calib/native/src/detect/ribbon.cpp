@@ -113,7 +113,8 @@ struct Line {
 };
 
 double prior_of_shade(const RibbonPriors& model, int k) {
-    return k == 0 ? 3.0 : model.shades * 1.2 / (1.0 + (k + 1) / 2);
+    const int order = (k + 1) / 2;
+    return k == 0 ? 3.0 : model.shades * 1.2 / (1.0 + order);
 }
 
 Line begun(const std::vector<Crossings>& channels, double width_px, double blur_px, const RibbonPriors& model) {

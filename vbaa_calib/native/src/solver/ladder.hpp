@@ -15,7 +15,7 @@ struct Rigs {
 };
 
 // Frames from `begin` to `end`, on a rung or AUTO. warm: (B, 4) unknowns near the truth where finite, or none.
-// pieces_m: (PIECES,) arc lengths, if motion is tested, else none. minima_only: uncertainties are those of small errors.
+// pieces_m: (PIECES,) arc lengths, if motion is tested, else none. minima_only: uncertainties only as of small errors.
 struct Demand {
     int begin, end, rung;
     ConstMatrix warm;
