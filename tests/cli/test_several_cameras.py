@@ -40,9 +40,14 @@ def _scene() -> dict:
     return scene
 
 
+def two_cameras() -> Path:
+    """Folder of a scene with two cameras: session, rig.json."""
+    return made_once("two_cameras", lambda folder: calibrated(folder, _scene()))
+
+
 @pytest.fixture(scope="module")
 def made() -> Path:
-    return made_once("two_cameras", lambda folder: calibrated(folder, _scene()))
+    return two_cameras()
 
 
 def _rows(path: Path) -> list[dict[str, str]]:

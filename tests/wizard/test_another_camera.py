@@ -13,8 +13,7 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.wizard.questions import BY_KEY
 from vbaa_calib.wizard.store import Store
 
-from ..cli.test_several_cameras import _make
-from ..made_once import made_once
+from ..cli.test_several_cameras import two_cameras
 from .small_session import answers_file, answers_with, call
 
 
@@ -38,7 +37,7 @@ def pictures_of(session: Path, camera: str, folder: Path) -> Path:
 def test_two_cameras_come_into_one_rig(tmp_path: Path) -> None:
     """Without anybody there: the second one's session has board, antenna and loads of the first, and goes on by itself;
     the antenna is known better than by either, and both cameras are where they are."""
-    made = made_once("two_cameras", _make)
+    made = two_cameras()
     board = read_yaml(made / "session" / "session.yaml")["board"]
     size_m = board["square_m"] * board["squares_x"], board["square_m"] * board["squares_y"]
     session, right = tmp_path / "session", tmp_path / "session" / "cameras" / "right"
