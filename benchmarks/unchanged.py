@@ -45,7 +45,7 @@ def record(folder: Path) -> None:
             "track contacts.csv --rig rig.json -o track.csv",
             "reconstruct contacts.csv --rig rig.json -o object.ply",
             "budget rig.json --json",
-            "convert rig.json --to kalibr -o kalibr.yaml",
+            "convert rig.json --to opencv -o camera.yaml",
         )
         for step in steps:
             said = _vbaa(step, place)
