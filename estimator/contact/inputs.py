@@ -395,19 +395,26 @@ def point_scatter(
         return scatter
     # each in its own scatter, and none of it large: no gross error counts
     even = [np.clip(off / max(mad_std(off), 1e-9), -3.0, 3.0) for off, _ in lines]
-    count, taken = sum(map(len, even)), np.mean([own for _, own in lines], axis=0)
-    covariances = [sum(float(off[lag:] @ off[: len(off) - lag]) for off in even) / count for lag in range(len(taken))]
-    # the curve takes the slowest errors with it: of each covariance the part `taken` of their density
-    total, left = covariances[0], 1.0 - taken[0]
+    count = sum(map(len, even))
+
+    def covariance_at(lag: int) -> tuple[float, float]:
+        """Of points so far apart, and the fraction of a slow error's covariance that the curves take with them."""
+        pairs = [(basis[lag:], basis[: len(basis) - lag]) for _, basis in lines]
+        taken = float(np.mean([np.vdot(one, other) / (len(one) + lag) for one, other in pairs]))
+        return sum(float(off[lag:] @ off[: len(off) - lag]) for off in even) / count, taken
+
+    variance, by_curve = covariance_at(0)
+    total, left = variance, 1.0 - by_curve
     own = density = total / left
-    for lag in range(1, len(taken)):
-        correlation = (covariances[lag] + density * taken[lag]) / own
-        if correlation < settings.significant / np.sqrt(count) or left - 2.0 * taken[lag] < settings.slow:
+    for lag in range(1, settings.lags + 1):
+        covariance, taken = covariance_at(lag)
+        correlation = (covariance + density * taken) / own
+        if correlation < settings.significant / np.sqrt(count) or left - 2.0 * taken < settings.slow:
             break
-        total, left = total + 2.0 * covariances[lag], left - 2.0 * taken[lag]
+        total, left = total + 2.0 * covariance, left - 2.0 * taken
         density = total / left
-        own = covariances[0] + density * taken[0]
-    return scatter * float(np.sqrt(density / covariances[0]))
+        own = variance + density * by_curve
+    return scatter * float(np.sqrt(density / variance))
 
 
 def shared_share(
@@ -430,18 +437,18 @@ def _about_curve(
     points_px: np.ndarray, sigma_px: np.ndarray, settings: OutlierSettings
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """(M,) distances of a line's points from a smooth curve through them, in standard deviations, in order; and the
-    fraction of a slow error's covariance at each lag that the curve absorbs. None with too few points."""
+    curve's orthonormal basis (M, K). None with too few points."""
     there = np.isfinite(points_px).all(axis=1)
     points, sigma = points_px[there], np.broadcast_to(sigma_px, len(points_px))[there]
     if len(points) < settings.scatter_points:
         return None
     apart = _apart(points, settings.neighbours)
     near = apart <= settings.lonely * np.median(apart)
-    centred = points - points[near].mean(axis=0)
-    first = np.linalg.svd(centred[near], full_matrices=False)[2][0]
+    centred = points[near] - points[near].mean(axis=0)
+    first = np.linalg.eigh(centred.T @ centred)[1][:, -1]
     first = first * np.sign(first[np.argmax(np.abs(first))])
     # the same way round in all lines
-    along, across = np.stack([first, [-first[1], first[0]]]) @ centred[near].T
+    along, across = np.stack([first, [-first[1], first[0]]]) @ centred.T
     order = np.argsort(along, kind="stable")
     along, across, sigma = along[order], across[order], sigma[near][order]
     curve, weights = None, np.ones(len(along))
@@ -460,11 +467,10 @@ def _about_curve(
             weights = 1.0 / np.hypot(1.0, off / scatter)
         elif turn < settings.rounds - 1:
             left = np.abs(off) <= settings.gross_std * scatter
-            along, across, sigma, weights = along[left], across[left], sigma[left], np.ones(left.sum())
-            curve = None
-    lags = range(settings.lags + 1)
-    taken = np.array([np.einsum("nk,nk->", basis[lag:], basis[: len(basis) - lag]) for lag in lags]) / len(off)
-    return off, taken
+            if not left.all():
+                along, across, sigma, curve = along[left], across[left], sigma[left], None
+            weights = np.ones(len(along))
+    return off, basis
 
 
 def _apart(points_px: np.ndarray, neighbours: int) -> np.ndarray:
@@ -476,10 +482,13 @@ def _apart(points_px: np.ndarray, neighbours: int) -> np.ndarray:
     axis = int(np.argmax(np.ptp(points_px, axis=0)))
     order = np.argsort(points_px[:, axis], kind="stable")
     ordered = np.pad(points_px[order], ((neighbours, neighbours), (0, 0)), constant_values=np.inf)
-    around = np.lib.stride_tricks.sliding_window_view(ordered, 2 * neighbours + 1, axis=0)  # (N, 2, around)
-    off = np.abs(around - points_px[order][:, :, None])
-    found = np.sqrt(np.partition(off[:, 0] ** 2 + off[:, 1] ** 2, 4, axis=1)[:, 4])
-    far = np.flatnonzero(found > off[:, axis][:, [0, -1]].min(axis=1))
+    found, far = np.empty(len(order)), np.arange(len(order))
+    for reach in (4, neighbours):
+        window = ordered[neighbours - reach : len(ordered) - neighbours + reach]
+        around = np.lib.stride_tricks.sliding_window_view(window, 2 * reach + 1, axis=0)[far]  # (·, 2, around)
+        off = np.abs(around - around[:, :, reach, None])
+        found[far] = np.sqrt(np.partition(off[:, 0] ** 2 + off[:, 1] ** 2, 4, axis=1)[:, 4])
+        far = far[found[far] > off[:, axis][:, [0, -1]].min(axis=1)]
     if len(far):
         from scipy.spatial import cKDTree
 
@@ -673,14 +682,17 @@ def _absent_px(rig: Rig, lines_px: np.ndarray, sigma_px: Any) -> float:
     usual, settings = rig.image.noise_px, OutlierSettings()
     if sigma_px is not None:
         return usual
-    chosen = lines_px[spread_evenly(len(lines_px), settings.scatter_frames)]
-    lines = list(np.where(outside(chosen, rig.camera.image_size)[..., None], np.nan, chosen))
-    own_px, count = list(np.ones(chosen.shape[:2])), len(lines_px) // settings.frames_a_line
-    few = replace(settings, scatter_frames=int(np.clip(count, 1, settings.few_frames)))
+
+    def scatter_of(most: int) -> float:
+        chosen = lines_px[spread_evenly(len(lines_px), most)]
+        lines = np.where(outside(chosen, rig.camera.image_size)[..., None], np.nan, chosen)
+        return point_scatter(list(lines), list(np.ones(chosen.shape[:2])), settings)
+
+    few = int(np.clip(len(lines_px) // settings.frames_a_line, 1, settings.few_frames))
     # near the limit a few lines do not decide
-    if point_scatter(lines, own_px, few) < (1.0 + settings.tolerated) / 2 * usual:
+    if scatter_of(few) < (1.0 + settings.tolerated) / 2 * usual:
         return usual
-    scatter = point_scatter(lines, own_px, settings)
+    scatter = scatter_of(settings.scatter_frames)
     return scatter if scatter > settings.tolerated * usual else usual
 
 
