@@ -73,7 +73,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert said["drift"] == ["moment_offset_Nm"]
     assert list(said["failed"]) == ["2026-03-02_bench"]
     assert said["dates"] == [f"2026-03-0{day} 00:00" for day in (1, 3, 4, 5)]
-    assert "moment_offset_Nm drifts" in (rigs / "over_time.html").read_text()
+    assert "moment offset drifts" in (rigs / "over_time.html").read_text()
     assert (rigs / "over_time.csv").read_text().count("moment_offset_Nm") == 4
     undated = shutil.copytree(small_rig() / "session", tmp_path / "undated")
     assert main(["calibrate", paths[0], str(undated), "-o", str(rigs)]) == 2

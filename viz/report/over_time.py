@@ -16,14 +16,16 @@ def words(found: OverTime) -> list[str]:
     """Sentences on the parameters that are constant, scatter and drift."""
     lines = []
     for index, name in enumerate(found.names):
+        label, unit, scale = labelled(name)
+        columns = found.slope_per_day, found.slope_std_per_day, found.between_std, found.supposed_std
+        slope, std, between, supposed = (number(scale * float(each[index]), 2) for each in columns)
+        unit = f" {unit}" if unit else ""
         if found.drifts[index]:
-            slope, std = found.slope_per_day[index], found.slope_std_per_day[index]
-            lines.append(f"{name} drifts by {slope:.2g} ± {std:.1g} a day")
+            lines.append(f"{label} drifts by {slope} ± {std}{unit} a day")
         elif found.scatters[index]:
-            between, supposed = found.between_std[index], found.supposed_std[index]
             lines.append(
-                f"{name} varies by {between:.2g} from one calibration to the next beyond what they state; the drift in "
-                f"rig.json supposes {supposed:.2g}"
+                f"{label} varies by {between}{unit} from one calibration to the next beyond what they state; the drift "
+                f"in rig.json supposes {supposed}{unit}"
             )
     if len(found.days) < FEWEST_FOR_TREND:
         lines.append(f"fewer than {FEWEST_FOR_TREND} calibrations show no trend")

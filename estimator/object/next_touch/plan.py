@@ -541,8 +541,7 @@ def _of_surface(found: SurfaceFit, reach: _Reach, seen: _Offered) -> tuple[float
     rows = [values_at(x, height[x.shape[1] == 1]) for x in targets]
     halves, now = [], []
     for index, view in enumerate(rows):
-        old = solution.seen_by(index, view)
-        halves.append(solution.root @ old.T)
+        halves.append(solution.whitened(index, view)[1])
         now.append(np.maximum(variance(view, solution.priors[index]) - np.sum(halves[-1] ** 2, axis=0), 0.0))
     count = sum(map(len, targets))
     whole = float(np.sum(np.concatenate(now)))

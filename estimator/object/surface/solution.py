@@ -116,7 +116,7 @@ class ShapeSolution:
     def _own_seen_by(self, patch: int, rows: Functionals) -> np.ndarray:
         return covariance(rows, self.equations[patch].rows, self.priors[patch])
 
-    def _whitened(self, patch: int, rows: Functionals) -> tuple[np.ndarray, np.ndarray]:
+    def whitened(self, patch: int, rows: Functionals) -> tuple[np.ndarray, np.ndarray]:
         """(Q, P) prior covariance of a patch's functionals with its own P equations, and (M, Q) with all equations as
         `root` whitens them."""
         seen, own = self._own_seen_by(patch, rows), self._of(patch)
@@ -136,14 +136,14 @@ class ShapeSolution:
 
     def spread(self, patch: int, rows: Functionals) -> np.ndarray:
         """(Q,) posterior standard deviations of functionals of a patch's undeformed shape."""
-        seen, half = self._whitened(patch, rows)
+        seen, half = self.whitened(patch, rows)
         left = variance(rows, self.priors[patch]) - np.sum(half**2, axis=0)
         left += (seen @ self.lift[self._of(patch)]) ** 2 * self.variance
         return np.sqrt(np.maximum(left, 0.0))
 
     def joint(self, views: list[tuple[int, Functionals]]) -> np.ndarray:
         """(Q, Q) posterior covariance of functionals of several patches, concatenated."""
-        seen, half = zip(*(self._whitened(patch, rows) for patch, rows in views), strict=True)
+        seen, half = zip(*(self.whitened(patch, rows) for patch, rows in views), strict=True)
         prior = _block_diagonal([covariance(rows, rows, self.priors[patch]) for patch, rows in views])
         whole = np.concatenate(half, axis=1)
         lifted = np.concatenate([own @ self.lift[self._of(patch)] for own, (patch, _) in zip(seen, views, strict=True)])
@@ -152,7 +152,7 @@ class ShapeSolution:
     def in_place(self, patch: int, rows: Functionals) -> tuple[np.ndarray, np.ndarray]:
         """(2N,) posterior means of functionals of a patch; (N, 2, 2) covariances of the first N with the last N, at the
         same places."""
-        (seen, half), count, prior = self._whitened(patch, rows), len(rows) // 2, self.priors[patch]
+        (seen, half), count, prior = self.whitened(patch, rows), len(rows) // 2, self.priors[patch]
         lifted, sides = seen @ self.lift[self._of(patch)], [slice(0, count), slice(count, None)]
         found = np.empty((count, 2, 2))
         for a, b in ((0, 0), (0, 1), (1, 1)):

@@ -94,7 +94,7 @@ def _detect_charuco(image: np.ndarray, spec: BoardSpec, name: str) -> BoardView:
         detector.setDetectorParameters(options)
         corners, ids, outlines, marker_ids = _arrays(*detector.detectBoard(seen))
         markers = Markers(marker_ids.ravel().astype(int), outlines.reshape(-1, 4, 2))
-        if not _lacks_markers(markers, spec, image):
+        if not _lacks_markers(markers, detector.getBoard(), image):
             break
     copy = markers.one_copy(spec)
     if len(copy.ids) < len(markers.ids):
@@ -116,10 +116,9 @@ def _detect_charuco(image: np.ndarray, spec: BoardSpec, name: str) -> BoardView:
     )
 
 
-def _lacks_markers(found: Markers, spec: BoardSpec, image: np.ndarray) -> bool:
+def _lacks_markers(found: Markers, board: cv2.aruco.CharucoBoard, image: np.ndarray) -> bool:
     """Whether a marker of the board was not found that must be whole in the picture (H, W), by the others' homography
     to the board's plane."""
-    board = opencv_board(spec)
     outlines = dict(zip(np.ravel(board.getIds()).tolist(), np.asarray(board.getObjPoints())[..., :2], strict=True))
     own = [index for index, one in enumerate(found.ids.tolist()) if one in outlines]
     if len(own) < 2:
