@@ -141,7 +141,8 @@ def _undisturbed(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
         left, weights = off, np.ones(len(off))
         for _ in range(20):
             left = off - basis @ np.linalg.lstsq(basis * weights[:, None], off * weights, rcond=None)[0]
-            weights = np.sqrt(huber_weights(left))
+            # on residuals, not on their squares: a stretch that is far off hardly pulls
+            weights = huber_weights(left)
         means.append(uniform_filter1d(left, AntennaSettings.run) * np.sqrt(AntennaSettings.run))
     usual = max(float(np.median([mad_std(one) for one in means])), 1.0)
     good = []
