@@ -107,7 +107,8 @@ class ContactLayer(torch.nn.Module):
 
         Raises
         ------
-        InputError : other shapes, not one of pixels and plane_xy_m, what `ContactEstimator.estimate_batch` refuses.
+        InputError : other shapes, both or neither of pixels and plane_xy_m, or what `ContactEstimator.estimate_batch`
+            refuses.
         """
         if (pixels is None) == (plane_xy_m is None):
             raise InputError("pixels and plane_xy_m: one of them is needed")

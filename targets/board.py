@@ -80,7 +80,7 @@ class BoardSpec(_OfSquares):
         measured; `square_m` is then the mean of a square's sides.
     first_id, ids : the markers' ids, row by row: from `first_id` on, or as they are listed.
 
-    Raises pydantic's ValidationError, a ValueError, for what is no board.
+    Raises pydantic's ValidationError, a ValueError, for an impossible board.
     """
 
     squares_x: _Squares

@@ -304,7 +304,8 @@ def fill_in(
     margin_mm: float = SHEET.margin_mm,
     **other: Any,
 ) -> BoardSpec:
-    """A spec from partial data; the default square is the largest round one that fits on the paper, 20 mm without one.
+    """A spec from partial data; the default square is the largest round one that fits on the paper, 20 mm without a
+    paper.
 
     other : further fields of BoardSpec. Raises ValueError if they make no board, or none fits.
     """

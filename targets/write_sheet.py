@@ -233,7 +233,8 @@ def _number(value: float) -> str:
 class _ScreenBoard:
     """A board in pixels: sides of its squares and markers, and the white margin, all whole numbers.
 
-    `spec` has the sizes that it really has on that screen. Of an AprilGrid a square is a tag with its gap.
+    `spec` has its true sizes on that screen, after rounding to whole pixels. Of an AprilGrid a square is a tag with its
+    gap.
     """
 
     spec: BoardWithIds

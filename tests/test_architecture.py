@@ -35,7 +35,7 @@ MOST = {
     "class names used twice": 0,
     "classes": 419,
     "public names": 1086,
-    "private words": 49,
+    "private words": 48,
     "type: ignore": 4,
     "words on pages": 29933,
 }

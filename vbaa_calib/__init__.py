@@ -17,7 +17,7 @@ _HOMES = {"Camera": ".camera", "Rig": ".rig", "calibrate_lens": ".calibrate.from
 
 
 def __getattr__(name: str) -> Any:
-    """Load these on first use, so that `vbaa --help` need not wait for NumPy."""
+    """Load a public name on first use, so that `vbaa --help` need not wait for NumPy."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(_HOMES[name], __name__), name)

@@ -1,6 +1,6 @@
 """Health of the installation: Python and its packages, folders, disk, memory, terminal, drawing, cameras and torch.
 
-What may end the process (drawing, cameras, torch) is tried in a process of its own.
+Checks that may crash (drawing, cameras, torch) run in a process of their own.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def _try_python(arguments: Sequence[str], seconds: float) -> _Ended:
 
 
 def _drawing(attempt: _Try = _try_python) -> HealthFinding:
-    """Whether 3-D pictures can be drawn. Pages and glTF need no OpenGL, so this alone stops nothing."""
+    """Whether 3-D pictures can be drawn. Pages and glTF need no OpenGL, so a failure here alone stops nothing."""
     code, _, err = attempt(["-m", "viz.render.probe"], _LIMITS.drawing_s)
     if code == 0:
         return HealthFinding("drawing", "3-D pictures can be drawn")

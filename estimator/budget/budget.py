@@ -1,10 +1,10 @@
 """The error budget of a rig: what each cause contributes to contacts, and what knowing it better would gain.
 
 Contacts are taken as a rig would see them, without noise. To first order an estimate is off by
-T·C·Jᵀ·W·n − T·C·P·x − D·z: n is the noise of points and readings, weighed by W; x holds the friction angle and the
-independent errors of rig and joint axes, z of them, all of unit standard deviation, with the prior's weights P. C is
-the inverse of JᵀWJ + P. T says how results follow the unknowns, D their errors that no frame determines. Noise and
-errors are independent, so that the variance is the sum of their parts.
+T·C·Jᵀ·W·n − T·C·P·x − D·z: n is the noise of points and readings, weighed by W; z are the independent errors of rig and
+joint axes, and x these with the friction angle, all of unit standard deviation, with the prior's weights P. C is the
+inverse of JᵀWJ + P. T says how results follow the unknowns, D their errors that no frame determines. Noise and errors
+are independent, so that the variance is the sum of their parts.
 """
 
 from __future__ import annotations
@@ -378,7 +378,7 @@ class _CausePart:
     std: float  # the deviation that it contributes; squares add up
     share: float  # of the variance
     if_halved: float  # the result's whole deviation if the cause's were half of what it is
-    if_exact: float  # or none
+    if_exact: float  # the same if the cause were known exactly
 
 
 @dataclass(frozen=True)
@@ -409,7 +409,7 @@ class Budget:
     """The error budget of a rig."""
 
     touches: BudgetContacts  # B contacts that would come with numbers
-    asked: int  # of so many
+    asked: int  # number of contacts that were asked for
     results: dict[str, ResultBudget]  # by `RESULTS`
     variances: dict[str, np.ndarray]  # cause → (B, 6) of the rows that `RESULTS` names
     exact: tuple[str, ...]  # causes that rig.json says are exact, or nothing of

@@ -109,8 +109,8 @@ def recorded_clock_offset(
     """`_clock_offset` of a recorded source, that `opened` opens: searched around the offset of the logging times, or
     around zero where these are unknown; if that fails, around the offset at which both begin together (`apart_s`).
 
-    camera : that of a further camera's clock instead, against the first one's: the bend that one sees must follow the
-    bend that the other sees. `opened` then takes what is added to its times. Raises InputError as that does.
+    camera : a further camera: the offset of its clock from the first camera's is estimated instead, since both must see
+        the same bend. `opened` then takes the offset that is added to its times. Raises InputError as that does.
     """
     if camera:
         return _camera_offset(estimator, opened, timing, ground, camera)

@@ -115,8 +115,8 @@ class Contacts(Rows, ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequen
 
     @staticmethod
     def one_by_one(rig_arrays: RigArrays, friction_rad: float, requested: str) -> Callable[..., Contact | None]:
-        """A function of a centreline, both moments and both joint angles that gives the contact of a frame as most
-        are: floats, points in order within the picture, and a fit that is not doubted; None of any other. Of a rig with
+        """A function of a centreline, both moments and both joint angles that gives the contact of an ordinary frame
+        (floats, points in order within the picture, a fit that is not doubted) and None for any other. For a rig with
         one camera and exact joint axes."""
         rig, (known, names), columns = rig_arrays.rig, limits(), core.solver.REPORTED["names"]
         fitted = -1 if requested == "auto" else RUNGS.index(requested), rig_arrays.independent
@@ -159,7 +159,7 @@ class Contacts(Rows, ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequen
 
 @lru_cache
 def _kind() -> np.dtype[np.void]:
-    """Of the columns that the core fills in."""
+    """The structured dtype of the columns that the core fills in."""
     return np.dtype(core.solver.REPORTED)
 
 

@@ -46,12 +46,12 @@ class LearntRig:
 
     Attributes
     ----------
-    calibrated : as it came. now : as it is; its covariance holds what is left of the drift.
-    frames : free frames that it was learnt from. line_frames, line_sum_px2 : of how many frames, and how much in
-        squares, the line's own errors are known.
+    calibrated : the rig as calibrated. now : as it is at present; its covariance contains what is unknown of the drift.
+    frames : free frames that it was learnt from. line_frames, line_sum_px2 : number of frames, and sum of squares, of
+        the lines' own errors measured so far.
     time_s : of the last of them; NaN where times are not known.
-    history : time, what had changed (17 + P,), and its deviations (17 + P,), after each lot of free frames.
-    moments : of how many of the free frames the moment was read. searched : frames before the first free one.
+    history : after each lot of free frames the time, the changes (17 + P,), and their standard deviations (17 + P,).
+    moments : number of free frames with a moment reading. searched : frames before the first free one.
     """
 
     calibrated: Rig

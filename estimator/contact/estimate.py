@@ -125,8 +125,8 @@ class ContactEstimator:
 
         Raises
         ------
-        InputError : wrong shapes, what is no number, angles beyond a turn, moments and pixels that cannot be, not one
-            of centreline_px and plane_xy_m, a camera in plane C.
+        InputError : wrong shapes, what is no number, angles beyond a turn, impossible moments and pixels, both or
+            neither of centreline_px and plane_xy_m, a camera in plane C.
         """
         usual = sigma_px is None and not options
         if usual and self._alone is not None:
@@ -208,7 +208,7 @@ class ContactEstimator:
 
         Raises
         ------
-        InputError : as `estimate`, or when not everything is there for every frame.
+        InputError : as `estimate`, or an argument without a value for every frame.
         """
         lines = {"centrelines_px": centrelines_px, "moments": moments, "pans": pans, "tilts": tilts, **options}
         batch = self._checked(**lines, sigma_px=sigma_px, moments_z=moments_z)

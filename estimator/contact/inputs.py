@@ -64,9 +64,9 @@ class Batch(Rows):
     joint_errors_rad : (B, 2) deviations of pan and tilt; None without any.
     covariance_shape : (B, N, 2, 2) covariance of each point over sigma_px²; None: the same in every direction.
     order : (B, N) where each point was listed; None: as it is here.
-    camera : (B, N) that sees each point, of the rig's in their order, one camera's after the other's; None: the rig has
-        one. tip_camera : (B,) that sees the end. seen : (B, V) how many points each camera sees; of one with
-        fewer than `ContactSettings.fewest_points` they are left out.
+    camera : (B, N) index of the rig's camera that sees each point, with one camera's points after another's; None for a
+        rig with one camera. tip_camera : (B,) index of the one that sees the end. seen : (B, V) number of points that
+        each camera sees; fewer than `ContactSettings.fewest_points` are left out.
     time_s : (B,) of a recording. sigma_factor : as `Measured.sigma_factor`, of all of them.
     """
 
@@ -100,7 +100,7 @@ class Batch(Rows):
         return None if self.errors_Nm is None else std / np.hypot(std, self.errors_Nm[:, : len(std)])
 
     def pixels(self, rig_arrays: RigArrays) -> tuple[Any, ...]:
-        """What `frames_from_pixels` takes, for one rig."""
+        """The arguments of the core's `frames_from_pixels`, for one rig."""
         rotation, _ = (rig := rig_arrays.rig).kinematics.world_antenna(self.pan_rad, self.tilt_rad)
         cameras = () if self.camera is None or self.tip_camera is None else (self.camera, self.tip_camera)
         points_px, tip_px = np.ascontiguousarray(self.points_px), np.ascontiguousarray(self.tip_px)
@@ -398,7 +398,8 @@ def point_scatter(
     count = sum(map(len, even))
 
     def covariance_at(lag: int) -> tuple[float, float]:
-        """Of points so far apart, and the fraction of a slow error's covariance that the curves take with them."""
+        """Covariance of residuals `lag` points apart, and the fraction of a slow error's covariance that the smooth
+        curves absorb."""
         pairs = [(basis[lag:], basis[: len(basis) - lag]) for _, basis in lines]
         taken = float(np.mean([np.vdot(one, other) / (len(one) + lag) for one, other in pairs]))
         return sum(float(off[lag:] @ off[: len(off) - lag]) for off in even) / count, taken
@@ -523,8 +524,8 @@ def without_outliers(
     """Refit frames with gross errors among their points without these, if one contact explains the rest. Returns the
     frames as used.
 
-    Where little is seen of the antenna, one point far from there turns it, for all that its weight is small; and so do
-    many that lie off to the same side.
+    Where little of the antenna is seen, one point far from there turns the fit in spite of its small weight; so do many
+    that lie off to the same side.
     """
     usable, settings, rig = frames.usable, OutlierSettings(), frames.rig_arrays.rig
     every, nothing = usable.sum(axis=1), dict[int, object]()  # was found in a row, by what

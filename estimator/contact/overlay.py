@@ -269,7 +269,7 @@ def overlaid(
 ) -> Iterator[Iterator[FrameContact]]:
     """Passes the frames on, drawing each into a folder, which replaces `path` once all are done.
 
-    remarks : on the whole, which stand first on the page; complete after the last frame.
+    remarks : on the whole recording, printed first on the page; complete only after the last frame.
     """
     refuse_folder(path, force)
     entries: list[dict[str, Any]] = []

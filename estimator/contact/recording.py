@@ -48,8 +48,8 @@ class FrameContact:
     line : what was seen in its picture; None where ready centrelines took the place of pictures. others : of several
         cameras what was seen in each one's, by name.
     measured : what the contact was fitted to.
-    antenna : its name, where there are several, or its clamp moves; then clamp (4,) is where that is: world, m, and its
-        angle in plane C, rad.
+    antenna : its name, where there are several, or where its clamp moves; clamp (4,) is then the clamp's position in
+        the world, m, and its angle in plane C, rad.
     """
 
     frame: Frame
@@ -174,8 +174,8 @@ def _same_paths_m_s2(rig: Rig) -> float:
 def detect_again(estimator: ContactEstimator, glances: Sequence[_FirstDetection]) -> list[Detection]:
     """Measures the antenna of each picture again along the shape of the first detection, unless that was certain.
 
-    A line that was seen in part, or twice, is no antenna to be fitted, and is not measured again. One seen from the
-    clamp to its tip is where it would be measured again.
+    A line that was seen only in part, or twice, is not fitted, and so not measured again. Nor is one seen from the
+    clamp to its tip, which a second measurement would not move.
     """
     rig = estimator.rig
     found = [

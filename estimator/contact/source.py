@@ -63,7 +63,7 @@ if TYPE_CHECKING:
 class _Stream:
     """A bag, or a video with the readings in the .csv of the same name next to it.
 
-    notes : what the last pass had to tell.
+    notes : remarks from the last pass.
     """
 
     path: Path

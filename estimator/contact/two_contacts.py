@@ -77,8 +77,9 @@ class _TwoContactFit:
 
     unknowns : (8,). residuals : (M,) of points, readings and the forces' priors, in their standard deviations.
     columns : (M, 8) their predictions' derivatives. errors : (R,) of the rig and the found line, which are solved for
-    together with the unknowns, in their standard deviations. left : (M,) residuals without these. cost : robust, priors
-    included. foot : (N,) node coordinate of each point's foot. normal : (N, 2) of the curve there, px.
+    together with the unknowns, in their standard deviations. left : (M,) residuals without the effect of these errors.
+    cost : robust, priors included. foot : (N,) node coordinate of each point's foot. normal : (N, 2) of the curve
+        there, px.
     """
 
     unknowns: np.ndarray
@@ -100,8 +101,8 @@ class _Pair:
     the readings, in their standard deviations. covariance : (14, 14) of distance (m), point and force of the nearer
     contact, and then of the farther one. free_m : (2, 3) the same places of the free antenna. gain : decrease of the
     cost against one contact. misfit : of the points, over the scatter of neighbours. other : distances (2,) m of
-    another pair that explains the frame about as well; None without. unmoved : errors of the rig of which nobody knows
-    what they do there.
+    another pair that explains the frame about as well; None without. unmoved : number of the rig's errors with an
+    unknown effect on this pair.
     """
 
     unknowns: np.ndarray

@@ -82,7 +82,7 @@ class RunningVerdict:
         self._coming: Future[RecordingVerdict] | None = None
 
     def push(self, measured: Measured, contact: Contact) -> None:
-        """Add the next frame; `now` becomes the verdict on those before it once that is ready."""
+        """Add the next frame; `now` becomes the verdict on the earlier frames once that is computed."""
         self._watch.push(measured, contact)
         if self._coming is None and self._watch.count >= self._next:
             self._next = 2 * self._watch.count

@@ -215,7 +215,7 @@ class _Weighed:
 
     Attributes
     ----------
-    costs : (F,) above what explains each frame best, no more than `RecordingSettings.most`.
+    costs : (F,) above that of each frame's best explanation, at most `RecordingSettings.most`.
     steps : (R,) of the rig's axes, in their standard deviations.
     each : (F, S, S), (F, S) information and score of each frame about the rig's axes and those asked for, weighted,
         without prior.
@@ -346,8 +346,8 @@ class Case:
         return [weighed(self.recorded.fit, self.best, self.scale, self.axes, free) for free in self.frees]
 
     def by_one(self, axes: np.ndarray, first: int) -> list[np.ndarray]:
-        """Candidate changes (K,) along axes (18 + P, K), each the one with which a single frame, from `first` on, shows
-        the free antenna; sorted by how well the other frames agree with it, to first order."""
+        """Candidate changes (K,) along axes (18 + P, K): for each single frame from `first` on the change with which it
+        shows the free antenna; sorted by how well the other frames agree with it, to first order."""
         size = self.recorded.fit.steps
         every, unit = np.ones(len(self.recorded), bool), np.eye(size + axes.shape[1])
         information, score = (each[first:] for each in self.recorded.fit.shared(axes, every))

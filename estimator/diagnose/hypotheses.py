@@ -23,8 +23,9 @@ from .settings import RecordingSettings
 class _Misread(NamedTuple):
     """A row of the table of mistakes: readings or pictures that are not as reported.
 
-    correct : of recorded frames, those with the mistake put right; None where it cannot have happened.
-    log_density : by which a correct reading's density in the reported unit exceeds that in its own, per frame.
+    correct : gives recorded frames with the mistake put right; None where it cannot have happened.
+    log_density : logarithm of the ratio of a correct reading's probability density in the reported unit to that in its
+        own, per frame.
     """
 
     name: str
@@ -522,7 +523,7 @@ def unseen_joints(case: Case) -> list[str]:
 
 
 def _far_unseen(few: Case) -> bool:
-    """Whether some frames do not rule out an error of the tilt that takes places in the world far off."""
+    """Whether some frames cannot rule out an error of the tilt that shifts contact points in the world by much."""
     far = [_tilted(sign * RecordingSettings.joint_far_rad, few.recorded) for sign in (-1.0, 1.0)]
     return any(few.cost - few.cost_of(each) > -RecordingSettings.suspicious for each in far if each is not None)
 

@@ -139,7 +139,7 @@ class RecordingWatch:
 
         lines : of each row the points (N, 2) and a standard deviation, px. readings : (B, 8). measured : all that was
         measured in a row. may_repeat : rows with a picture that may be that of the row before. reasons : rows without a
-        contact point, and what says why.
+        contact point, with the contact that has the reason.
         """
         begin, moments, before = self.count, readings[:, 0], 0
         for row in may_repeat:
@@ -167,14 +167,14 @@ class RecordingWatch:
         self._time_s = float(time_s[-1])
 
     def _note_picture(self, measured: Measured, now: np.ndarray, row: int) -> None:
-        """Whether a row has the picture of those before, although the antenna has moved by the readings."""
+        """Note a row that has the picture of those before although the antenna has moved by the readings."""
         if self._pictured is None or not _same_picture(measured, self._pictured[0]):
             self._pictured = measured, now
         elif self._moved(now, self._pictured[1]):
             self._repeated.append(row)
 
     def _note_reason(self, contact: Contact, row: int) -> None:
-        """What the reason of a row without a contact point says of the recording."""
+        """Note the finding on the recording in the reason of a row without a contact point, if there is one."""
         if contact.status == "failed" and "picture and moment contradict" in contact.reason:
             self._contradicted.append(row)
         if contact.status == "no_antenna":
@@ -219,7 +219,7 @@ class RecordingWatch:
         self._pictures = self._pictures[-2:]
 
     def _keeps(self, row: int) -> bool:
-        """Whether a row is one of those that are kept."""
+        """Whether a row is one of the frames kept as witnesses."""
         first = RecordingSettings.first
         return len(self._first) < first or not (row - first) % self._stride
 
@@ -504,9 +504,9 @@ def _lateral_px(clamp: np.ndarray, tip: np.ndarray, lines_px: Sequence[np.ndarra
 def _leaps(
     lateral_px: np.ndarray, sigma_px: np.ndarray, readings: np.ndarray, moment_std_Nm: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Masks (B − 2,) of the ordered rows but the first and the last: pictures that lie off the mean of their
-    neighbours as far as these are apart; readings (B, 8) that go on smoothly; moments far off both neighbours, of
-    pictures on the mean of theirs.
+    """Three masks (B − 2,) over the rows between the first and the last: pictures as far off the mean of their
+    neighbours as these are apart; readings (B, 8) that go on smoothly; and moments far off both neighbours although
+    their pictures are close to the mean of theirs.
 
     lateral_px : (B, K). sigma_px : (B,) standard deviations of the points. moment_std_Nm : the sensor's noise.
     """

@@ -44,7 +44,7 @@ class GrowingTable:
     def __init__(
         self, path: Path, force: bool = False, inputs: Iterable[Path | None] = (), *, final: bool = True
     ) -> None:
-        """inputs : what it may not grow onto, either. final : whether there will be final rows. Raises InputError for
+        """inputs : files that it must not replace. final : whether there will be final rows. Raises InputError for
         an existing file, one of the inputs, or another format."""
         check_format(path)
         grows = path.suffix.lower() == ".csv"

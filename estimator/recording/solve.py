@@ -33,11 +33,11 @@ class Solution:
     equations: Equations  # of the contacts, about that state
     covariance: np.ndarray  # (S, S) of the shared steps
     weight: np.ndarray  # (B,) of each frame in them, 0 for one that does not belong
-    prior_p: float  # that a rig as it was calibrated is off by as much
+    prior_p: float  # probability that a rig as calibrated is off by as much
     offness: float  # how far that is, in its deviations
     converged: bool  # whether the steps came to an end
     trend: np.ndarray  # (R,) change of the rig's steps, from the middle of the recording to its end
-    trend_p: float  # that a rig which stays as it is shows as much
+    trend_p: float  # probability that a rig without any change shows as much
 
     def changing(self) -> Solution:
         """The solution with the largest difference between a frame's rig and the common one added to the covariance."""

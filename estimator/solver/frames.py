@@ -23,10 +23,10 @@ class Frames(Rows):
     usable : (B, N) 1 for a point, 0 for padding and missing points, which have finite values.
     reading : (B, K) as `RigArrays.std`, in N·m or N; that of the end is not used.
     tip : (B, 2) the antenna's end, as the points. tip_covariance : (B, 3) likewise.
-    available : (B, K) 1 where there is such a reading, and an end, else 0; less where the deviation of the reading is
-        more than the noise: its residual is multiplied by it.
+    available : (B, K) 1 where there is such a reading, and an end, else 0; less where the reading's standard deviation
+        exceeds the sensor's noise: the residual is multiplied by it.
     gravity_m_s2 : (B, 3) antenna frame.
-    camera : (B, N) that sees each point, of the rig's in their order. tip_camera : (B,) likewise.
+    camera : (B, N) index of the rig's camera that sees each point. tip_camera : (B,) of the one that sees the end.
     """
 
     rig_arrays: RigArrays
@@ -95,7 +95,7 @@ def _ideal(
     rig_arrays: RigArrays, points_px: np.ndarray, sigma_px: np.ndarray, ends: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Pixels (B, N, 2) in normalized coordinates, their covariances (B, N, 3), and 1 for usable ones (B, N). `ends` :
-    the columns before which each camera's end."""
+    for each camera the column at which its points end."""
     lines = (np.ascontiguousarray(each, float) for each in (points_px, sigma_px))
     points, covariance, usable = core.solver.ideal_points(rig_arrays.core, *lines, ends.astype(np.int64))
     return points, covariance, usable

@@ -26,11 +26,11 @@ def solve(
 ) -> FitNumbers:
     """Fit B frames independently, in `jobs` threads.
 
-    frames : or what `frames_from_pixels` makes them of. warm : (B, 4) unknowns near the truth where
+    frames : `Frames`, or the arguments of `frames_from_pixels`. warm : (B, 4) unknowns near the truth where
         finite; pieces_m : (G,) arc lengths of `motion.Beam`, if it is tested. Frames with too few
         points are not fitted.
-    minima_only : for what many frames say together: without the cost of valleys for the uncertainty of each, but with
-        all axes of the rig's errors, also those that a single frame hardly shows.
+    minima_only : for the evidence of many frames together: without the cost of valleys for the uncertainty of each, but
+        with all axes of the rig's errors, also those that a single frame hardly shows.
     """
     rig_arrays, measured, count = (
         (frames.rig_arrays, frames, len(frames))

@@ -24,8 +24,8 @@ class LinearisedFrames(NamedTuple):
     tangents : (B, 3, M) of the nodes, antenna frame.
     point_force : (B, 6) contact point, m, and force, N, antenna frame. columns : (B, 6, K) their derivatives.
     residual : (B, 3 or 7) of the readings, in deviations. readings : (B, 3 or 7, K) derivatives of the prediction.
-    information, side, prior : (B, K, K), (B, K), (B, K) normal equations about the contacts, and what of the diagonal
-        is prior.
+    information, side, prior : (B, K, K), (B, K), (B, K) normal equations about the contacts, and the prior's part of
+        their diagonal.
     excess : (B,) Σψ²/Σw of the points' Huber ψ and weights, about 1 where they scatter as their deviations say.
     """
 

@@ -25,7 +25,7 @@ class FitNumbers:
     covariance : (B, 6, 6) of point and force. with_pose : (B, 6, 6) theirs with the camera pose's tangent.
     shared : (B, 6, 6) the part of it that all frames of a recording have in common, the rig's. shared_std : (B,) that
         part of the distance's deviation.
-    friction_share : (B,) of the distance's variance, the part by friction's angle: gone, were that known.
+    friction_share : (B,) part of the distance's variance due to the unknown friction angle.
     tip_std : (B,) how far the antenna's end lies off its place, in the deviations that are expected of that; NaN
         without one.
     cost : (B,) half the robust sum of squares with the priors, the points' deviations multiplied by `scatter`.
@@ -106,7 +106,8 @@ class FitNumbers:
 
 @lru_cache
 def _without_fit() -> tuple[bytes, np.dtype[np.void]]:
-    """The numbers of a frame without a fit, in bytes: NumPy would copy them one by one; and what they are."""
+    """The numbers of a frame without a fit, as bytes, because NumPy would copy the fields one by one; and their
+    dtype."""
     nothing = np.zeros(1, core.solver.NUMBERS)
     for name in core.solver.NUMBERS["names"]:
         if nothing[name].dtype == float:

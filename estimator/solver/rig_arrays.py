@@ -139,8 +139,8 @@ class RigArrays:
 
 
 def _by_vectors(axes: np.ndarray, rig: Rig) -> np.ndarray:
-    """Axes (Q, R) of several cameras with columns of zeros wherever other cameras depend on the next column: there one
-    of the core's vectors of eight columns begins, and whole ones do not matter to a picture."""
+    """Axes (Q, R) of several cameras, padded with columns of zeros so that all columns in one of the core's vectors of
+    eight concern the same cameras: a picture skips the vectors of the others."""
     lenses = [len(one.camera.parameter_names) * rig.with_lens for one in rig.cameras.values()]
     at = len(axes) - sum(POSES + count for count in lenses[1:])
     own = [np.r_[:POSES, len(RIG_PARAMETERS) : len(RIG_PARAMETERS) + lenses[0]]]

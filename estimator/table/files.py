@@ -110,7 +110,7 @@ def _row_groups(rows: Iterator[Any]) -> Iterator[dict[str, list[Any]]]:
 
 
 def _table_groups(tables: Iterator[Any]) -> Iterator[dict[str, np.ndarray]]:
-    """Those of tables of one antenna with a clamp that does not move."""
+    """Groups of Parquet columns, from tables of one antenna with a clamp that does not move."""
     several = list[ContactTable]()
     for table in chain(tables, [None]):
         several += [] if table is None else [table]

@@ -24,8 +24,8 @@ class Overview:
     """Counts of the frames of a recording, or of several, as they come.
 
     columns : of the rig's sensors; what else is read is not used.
-    frames, read : how many there are, and with how many each channel was read. assumed_rad : joint angles that were not
-        read, as they are taken to be.
+    frames, read : how many there are, and with how many each channel was read. assumed_rad : values assumed for joint
+        angles that were not read.
     status : how many frames have each. reasons : of those without a contact point, kinds of reasons that differ in
         numbers only: status, first frame and its reason, and how many.
     outside : centreline points outside the picture, which are left out; frames with such, and the points used in these.
@@ -160,7 +160,8 @@ class Overview:
         return counts | {f"outside_{name}": self.outside[name] for name in ("frames", "points")}
 
     def outside_in_words(self, image_size: tuple[int, int]) -> list[str]:
-        """A sentence on the points outside pictures of this size, with the likely cause; "" without such points."""
+        """A list with the sentence on the points outside pictures of this size and the likely cause; empty without such
+        points."""
         if not self.outside["points"]:
             return []
         points, frames, used = (self.outside[name] for name in ("points", "frames", "used"))

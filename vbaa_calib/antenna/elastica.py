@@ -80,7 +80,7 @@ def planar_elastica_dead(
 def normal_load(s: ArrayLike, load: ArrayLike, inclination_rad: ArrayLike = 0.0) -> _PlanarShape:
     """Shape (B, N) in units of the contact distance: s (N,) or (B, N), contact at s = 1, load a = F·l²/EI ≥ 0 (B,).
 
-    The inclination, () or (B,), is measured from the antenna's normal at the contact. What is out of range gives NaN.
+    The inclination, () or (B,), is measured from the antenna's normal at the contact. Values out of range give NaN.
     """
     along, amount = np.atleast_2d(np.asarray(s, float)), np.atleast_1d(np.asarray(load, float))
     inclination = np.array(np.broadcast_to(np.asarray(inclination_rad, float), amount.shape))

@@ -93,7 +93,8 @@ MATERIALS = {
 def _materials_near(youngs_modulus_Pa: float) -> tuple[str, ...]:
     """Names of the materials that can have this Young's modulus, the likeliest first.
 
-    Likelier is what has the usual value closer, as a part of the material's own range; empty where nothing fits.
+    Likeliest is the material with the usual modulus nearest to it, relative to the material's own range; empty where
+    none fits.
     """
 
     def distance(one: Material) -> float:

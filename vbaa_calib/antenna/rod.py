@@ -8,8 +8,8 @@ the part before it), all in the antenna frame and over the arc length s:
     Ω = M/EI + (1/GJ − 1/EI) (d1·M) d1 + κ_y d2 + κ_z d3
 
 All loads are dead, so n(s) = [s < contact] force + (L − s) m' g is known beforehand and the position decouples. The
-clamp gives r, d1, d2 at s = 0; the clamp moment M(0) is shot for, so that M(L) = 0. A clamp that gives turns with M(0):
-that is iterated.
+clamp gives r, d1, d2 at s = 0; the clamp moment M(0) is shot for, so that M(L) = 0. A compliant clamp turns with M(0),
+which is iterated.
 """
 
 from __future__ import annotations
@@ -195,8 +195,8 @@ def _rigidly_clamped(
 
 
 def _shape_of(rod: Rod, contact_m: np.ndarray, nodes: np.ndarray, clamp_moment_Nm: np.ndarray) -> RodShape:
-    """B solved rods from their nodes (B, N, 4, 3): position, directors d1 and d2, moment. These divide evenly two
-    segments that meet at the contact (B,), or half way for a contact at the tip."""
+    """B solved rods from their nodes (B, N, 4, 3): position, directors d1 and d2, moment. The nodes are evenly spaced
+    on either side of the contact (B,), or of the middle for a contact at the tip."""
     split = np.where(contact_m < rod.length_m, contact_m, rod.length_m / 2)
     share = np.linspace(0.0, 1.0, STEPS_PER_SEGMENT + 1)[:, None]
     arclength = np.concatenate([share * split, (split + share * (rod.length_m - split))[1:]]).T
@@ -207,7 +207,7 @@ def _shape_of(rod: Rod, contact_m: np.ndarray, nodes: np.ndarray, clamp_moment_N
 def sample_shape(shape: RodShape, arclength_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Points (B, K, 3) and unit tangents (B, K, 3) at arc lengths (B, K), clipped to the rod's ends.
 
-    Cubic Hermite between the nodes: below 1e-8 of the length for shapes that the nodes resolve.
+    Cubic Hermite interpolation between the nodes, accurate to 1e-8 of the length where the nodes resolve the shape.
     """
     at = np.clip(arclength_m, shape.arclength_m[:, :1], shape.arclength_m[:, -1:])
     last = shape.arclength_m.shape[1] - 2

@@ -39,13 +39,13 @@ def curves(
     Parameters
     ----------
     rung : one of `RUNGS`.
-    parameters : (B, 9), see `shape.PARAMETERS`; `paper` knows the stiffness alone.
+    parameters : (B, 9), see `shape.PARAMETERS`; `paper` uses the stiffness alone.
     gravity_m_s2 : (B, 3) antenna frame.
     contact_m : (B,) arc length of the contact from the clamp.
     force_N : (B, 2) components (y, z), in the clamp's frame, of the force along the antenna's normal at the contact
         before it is turned with the antenna.
-    friction_rad : (B,) angle of the contact force from that normal, positive towards the clamp, see `shape.bend`. What
-        it does to the shape is of second order: `linear` has it in its force alone, `paper` not at all.
+    friction_rad : (B,) angle of the contact force from that normal, positive towards the clamp, see `shape.bend`. Its
+        effect on the shape is of second order: `linear` applies it to the force alone, `paper` ignores it.
     taper : how the antennas' stiffness and weight, which are the clamp's, change along them.
     """
     if rung not in RUNGS:

@@ -92,9 +92,9 @@ def bend(
         up to 35°; under a `dead` load a tenth at 20°, 0.3 at 35°.
     friction_rad : (B,) within ±π/2, angle of the contact force from the antenna's normal at the contact; positive leans
         towards the clamp. `force_N` stays the component along the normal: the whole force is |force_N|/cos of the
-        angle. None is a contact without friction. Nothing to a dead force.
+        angle. None is a contact without friction. Ignored with `dead`.
     taper : how the antennas' stiffness and weight, which are the clamp's, change along them.
-    diameter_m : at the clamp; it matters in a picture, and bends nothing.
+    diameter_m : at the clamp; it widens the antenna in pictures and does not affect its shape.
 
     Notes
     -----

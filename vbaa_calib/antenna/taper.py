@@ -29,8 +29,8 @@ class Taper:
 
     Attributes
     ----------
-    pieces : (P, 7) rows of start, end, diameter at both, root of EI at both, and which root: the fourth where EI
-        follows the diameter, the first where it is known itself. (0, 7) for a uniform antenna.
+    pieces : (P, 7) rows: start, end, diameter at both, n-th root of EI at both, and n: 4 where EI follows from the
+        diameter, 1 where EI itself is known. (0, 7) for a uniform antenna.
     """
 
     pieces: np.ndarray = field(default_factory=lambda: np.zeros((0, 7)))

@@ -32,8 +32,8 @@ def solve_lens(
     `view_set_diagnoses`. views : in the order of capture.
 
     A view contradicts the others where its corners miss the lens by far more than theirs, or its own focal length or
-    centre differs. None is left out so where many contradict, or where the first or the last of them agree on another
-    focal length: it was changed.
+    centre differs. No view is left out where many contradict, or where the first or the last ones agree on another
+    focal length: then the lens was changed.
     """
     left_out = list[DroppedView]()
     usable = usable_views(views, corner_points(spec), min_corners)[0]
@@ -130,8 +130,8 @@ def _bending_view(views: Sequence[BoardView], solution: LensSolution, spec: Boar
 def _changed_at_an_end(
     usable: Sequence[BoardView], contradicting: Sequence[str], solution: LensSolution, spec: Board | BoardPoints
 ) -> Diagnosis | None:
-    """Whether the first or the last views (two or more) contradict the others but fit the lens with another focal
-    length and principal point: a change of the lens so large that the robust fit drops them."""
+    """The diagnosis of a changed lens, where the first or the last views (two or more) contradict the others but fit it
+    with another focal length and principal point: a change so large that the robust fit drops them."""
     out = [view.name in contradicting for view in usable]
     first, last = (out.index(False), out[::-1].index(False)) if not all(out) else (0, 0)
     model, count = LENS_MODELS[solution.model], len(usable)

@@ -60,8 +60,8 @@ class Calibration:
 
     @staticmethod
     def together(each: Mapping[str, Calibration]) -> Calibration:
-        """The first of several cameras' calibrations, by name, with the rig of all of them, which one solve finds. Each
-        was made by itself, with the same antenna, joints and sensors.
+        """The calibration of several cameras: the first one's, with the rig of all of them from one solve. each :
+        separate calibrations by camera name, with the same antenna, joints and sensors.
 
         Raises
         ------
@@ -123,8 +123,8 @@ def first_solved(
 
     causes : as `failure_causes` finds them; asked once, after the first failure.
 
-    Raises SolveError, the first lens' with the likely cause, or that none is found and which models were tried; an
-    InputError where a typed row is the cause.
+    Raises SolveError, the first lens' one, with the likely cause or the lens models that were tried in vain; InputError
+    where a typed row is the cause.
     """
     try:
         return solve(lens)

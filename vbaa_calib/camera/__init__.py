@@ -1,4 +1,4 @@
-"""The metric layer: pixels to rays to points in metres, exact or marked, in NumPy and torch."""
+"""The metric layer: pixels to rays to points in metres, exact where valid and marked where not, in NumPy and torch."""
 
 from __future__ import annotations
 

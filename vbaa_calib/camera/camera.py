@@ -68,8 +68,8 @@ class ValidRegion:
     Attributes
     ----------
     ideal_radius : largest radius of X/Z, Y/Z (angle from the axis in rad for the fisheye) trusted in every direction.
-    distorted_radius : what it becomes on the sensor's normalized plane. Both are inf where nothing ends.
-    half_angle_rad : the same as an angle from the axis.
+    distorted_radius : the same on the sensor's normalized plane. Both are inf for a lens without a limit.
+    half_angle_rad : `ideal_radius` as an angle from the axis.
     image_fraction : share of the image with a ray for each pixel.
     """
 

@@ -69,7 +69,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _folds(camera: Camera) -> list[str]:
-    """A warning about a lens that does not map the picture one to one; "" for others."""
+    """Warnings about a lens that does not map the picture one to one; empty for others."""
     share = camera.valid_region().image_fraction
     if share == 1.0:
         return []

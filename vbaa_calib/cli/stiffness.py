@@ -194,7 +194,7 @@ _SOLIDS_PA = 1e8, 1.3e12
 
 
 def _units(modulus_Pa: float) -> str:
-    """What makes an impossible modulus (Pa) that of a usual material, in words."""
+    """Mistakes of unit that would explain an impossible modulus (Pa), in words."""
     from vbaa_calib.antenna.materials import MATERIALS
     from vbaa_calib.diagnose.typed_loads import FORCE_UNITS, LENGTH_UNITS
 

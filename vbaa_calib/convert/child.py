@@ -33,7 +33,7 @@ Arrays = Mapping[str, np.ndarray]
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path is a bag: by its suffix, or a folder with a bag's metadata, or with nothing but its files."""
+    """Whether a path is a bag: by its suffix, or a folder with a bag's metadata or only with a bag's files."""
     suffixes = (".mcap", ".bag", ".db3")
     if path.suffix.lower() in suffixes or os.path.isfile(path / "metadata.yaml"):
         return True
@@ -139,11 +139,11 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
 
 
 def read_literal(path: Path) -> dict[str, np.ndarray]:
-    """What describes a lens in a file that contains a Python mapping, each value as JSON.
+    """The entries that describe a lens in a file that contains a Python mapping, each value as JSON.
 
     Raises
     ------
-    ValueError : it is none, or holds what JSON has no word for.
+    ValueError : the file is no mapping, or holds values that JSON cannot express.
     """
     try:
         with warnings.catch_warnings(action="ignore"):  # of odd escapes in its strings
@@ -184,7 +184,7 @@ def read_bag_head(path: Path) -> dict[str, np.ndarray]:
 
     Raises
     ------
-    Exception : rosbags cannot open it; of a damaged file it lets anything through.
+    Exception : rosbags cannot open it; for a damaged file of any type.
     """
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
@@ -200,7 +200,7 @@ def read_camera_infos(path: Path) -> dict[str, np.ndarray]:
 
     Raises
     ------
-    Exception : rosbags cannot read it; of a damaged file it lets anything through.
+    Exception : rosbags cannot read it; for a damaged file of any type.
     """
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore

@@ -99,8 +99,8 @@ def _fitted(
 ) -> Camera | None:
     """The lens of a model with `count` coefficients that fits the pixels by least squares; None where there is none.
 
-    samples : directions (N, 3) and their pixels (N, 2). small_px : what a coefficient of 1 costs: it keeps those that
-    cancel each other from becoming a fold.
+    samples : directions (N, 3) and their pixels (N, 2). small_px : residual of a coefficient of 1: keeps small those
+        that cancel each other, which could make the lens fold.
     """
     (rays, pixels), fisheye = samples, MODELS[kind].is_fisheye
     if not fisheye and (rays[:, 2] < 0.05).any():

@@ -115,8 +115,8 @@ class Exchanged:
 class Format:
     """A file format: its name on the command line and in words, and what it can store.
 
-    parse : path and what of it is wanted → the camera. write : → text; None of a format that is read only. Both raise
-    InputError. fits : whether a text looks like this format.
+    parse : path and `Wanted` → `Exchanged`. write : `Exchanged` → text; None for a format that is only read. Both raise
+        InputError. fits : whether a text looks like this format.
     takes : fields of `Wanted` that only some formats know: which, size, rectified, fisheye.
     """
 

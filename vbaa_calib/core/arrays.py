@@ -247,8 +247,8 @@ _AT_ONCE = {float: "float", int: "int", str: "str", bool: "bool"}
 def gate(call: _Call) -> _Call:
     """Decorator: a public function or record that validates its arguments by its annotations.
 
-    Numbers must be numbers, arrays consist of them (what is masked is missing), lists be no text, records be of their
-    class; an argument annotated `Any` is not validated. It raises InputError for anything else.
+    Numbers must be numbers, arrays consist of numbers (masked values are missing), lists must not be text, records must
+    be of their class; an argument annotated `Any` is not validated. Raises InputError for anything else.
     """
     function: Any = vars(call)["__init__"] if isinstance(call, type) else call
     names = function.__code__.co_varnames[: function.__code__.co_argcount]
@@ -310,7 +310,7 @@ def check_angle(value: float, name: str, refuse: Callable[[str, str], InputError
 def check_each(values: np.ndarray, most: float, name: str, remedy: str, missing: str = "nan") -> np.ndarray:
     """Values of any shape within ±most. Raises InputError for the first beyond.
 
-    missing : what stands for a value that there is not: "nan", "infinite" for both, or "" for nothing.
+    missing : what may stand for a missing value: "nan" for NaN, "infinite" for NaN and infinity, "" for nothing.
     """
     if values.size and values.min() >= -most and values.max() <= most:
         return values

@@ -31,10 +31,11 @@ class Rules:
     iterations : at most.
     tolerance, standstill : it ends at a step that promises to lower the cost by less than this share, or this amount.
     takes_last : whether that step is taken, too. Where the slopes are exact and a linearisation is expensive it need
-        not be; where they are differences it brings the parameters the last millionth of a deviation closer.
+        not be; where they are finite differences it brings the parameters the last millionth of a standard deviation
+        closer.
     may_rise_share, may_rise : a cost that rises by no more than this, of the cost or as such, is rounding.
     damping : of the first step.
-    growth, after_failure : after a step that failed the damping is so many times larger, and at least so large. Far
+    growth, after_failure : factor on the damping after a step that failed, and the least damping then. Far
         from a minimum small increases lead to it in fewer steps; close to it a failure is rounding, and the next step
         is to be a clearly shorter one.
     relief : factor on the damping after a step that succeeded. Where steps fail for the problem's curvature, not for
@@ -173,7 +174,7 @@ class ScoreTest(NamedTuple):
     values: np.ndarray
     covariance: np.ndarray
     log_evidence: float
-    scale: float | np.ndarray = 1.0  # (K,) units in which directions are told apart
+    scale: float | np.ndarray = 1.0  # (K,) units that make the parameters comparable, for separating directions
     freedom: int = 0  # number of directions that the data determine, where it is not K
 
     @property
@@ -260,7 +261,7 @@ class Linearised:
     """A dense least-squares problem linearised at its parameters: residuals of the data, then of the priors.
 
     parameters : (P,). residuals : (R,) in units of the loss. jacobian : (R, P) of them.
-    certain : how many of the residuals, the last ones, are priors': they are never weighed down.
+    certain : number of the priors' residuals, which come last; the robust loss does not apply to them.
     converged : whether the solver converged. loss : of what was measured.
     """
 

@@ -1,7 +1,7 @@
 """Files as pydantic models and dataclasses, and one clear line for what they may not contain.
 
-Dataclasses have the bounds of their fields as annotations. A model of ours checks these when it reads a file; code may
-build the dataclasses without.
+Dataclasses have the bounds of their fields as annotations. A model of ours checks these when it reads a file; building
+a dataclass in code does not.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def array_of(*shape: int, ge: float | None = None, le: float | None = None) -> G
 class FileModel(BaseModel):
     """The top level of a file. Unknown keys are ignored, unless they can only be a misspelt one of ours.
 
-    With the configuration of a subclass goes what becomes of unknown keys further down.
+    The configuration of a subclass decides about unknown keys in nested mappings.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", json_schema_extra={"additionalProperties": True})
@@ -125,8 +125,8 @@ def refusal(
     key: str = "",
     schema: Callable[[], Mapping[str, Any]] = dict,
 ) -> InputError:
-    """The error, one line, for the first thing that a ValueError, pydantic's or another, found wrong. schema : adds
-    the bounds."""
+    """The one-line error for the first mistake that a ValueError, pydantic's or another, names. schema : gives the
+    bounds."""
     if not isinstance(error, ValidationError):
         return _from_value_error(error, where, remedy, key)
     first = _first(error)

@@ -49,8 +49,8 @@ def huber_losses(residuals: Array) -> Array:
 def huber_weights(residuals: Array) -> Array:
     """Weights (...) on squared whitened residuals (...) for iteratively reweighted least squares with Huber's loss.
 
-    Refreshed at every step they keep every point in it. SciPy's robust solver leaves out those that count linearly, far
-    from the solution most of them; it then takes three to eight times as many steps, or does not arrive.
+    Recomputed at every step, they keep every point in it. SciPy's robust solver leaves out the points in the linear
+    range, far from the solution most of them, and takes three to eight times as many steps, or does not converge.
     """
     xp = namespace(residuals)
     return HUBER / xp.clip(xp.abs(residuals), HUBER, None)

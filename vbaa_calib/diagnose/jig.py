@@ -141,7 +141,8 @@ class JigEvidence:
         """The free antenna detected near where a hypothesis predicts it, in the unmirrored pictures; empty where it
         is missing in one.
 
-        Within a few standard deviations: nothing that lies elsewhere speaks for the hypothesis.
+        It is searched within a few standard deviations only: a line that lies elsewhere does not support the
+        hypothesis.
         """
         pose, session = self.estimate(case).T_antenna_camera, self.session
         frames = list(self.free[: _JigSettings.free_frames])
@@ -159,8 +160,8 @@ class JigEvidence:
         return self._flipped(seen, case.flips)
 
     def _predicted(self, T_antenna_camera: Pose, gravity_m_s2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pixels (N, 2) of the nominal free antenna from a camera pose that the lens sees, and the mask (M,) of the
-        antenna's points in the picture."""
+        """Pixels (N, 2) of the nominal free antenna seen from a camera pose, without those that the lens cannot see,
+        and the mask (M,) of the antenna's points in the picture."""
         antenna = self.session.antenna
         points = free_curve(nominal_parameters(antenna), antenna.length_m, gravity_m_s2, antenna.taper).points_m[0]
         pixels, seen = self.camera.project(T_antenna_camera.inverse() @ points)
@@ -243,7 +244,8 @@ class JigEvidence:
         """The free antenna's lines, the factor on their standard deviations, and the log evidence for everything as
         reported.
 
-        Where they were not found, by the hypothesis that explains best what is found near where it puts them.
+        Where they were not detected beforehand, they come from the hypothesis that best explains the lines detected
+        near its own prediction.
         """
         if self.lines is not None:
             some = [

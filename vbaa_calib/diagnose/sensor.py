@@ -38,8 +38,8 @@ class MomentReadings:
     Attributes
     ----------
     read, true : N·m. about_z : of the same loads about z.
-    root : (F, P) that times its transpose is the prediction's covariance. std_Nm : the sensor's noise, as stated.
-    when : (F,) times, or the order; per : their unit. names : of the rows.
+    root : (F, P) square root R of the prediction's covariance: R·Rᵀ. std_Nm : the sensor's noise, as stated.
+    when : (F,) times, or the order; per : their unit, for a drift. names : of the rows.
     """
 
     read: np.ndarray
@@ -51,7 +51,7 @@ class MomentReadings:
     per: str
     names: tuple[str, ...]
     offset_std_Nm: float = SETTINGS.offset_std_Nm  # of its zero before a calibration; of a force in N
-    drift: np.ndarray | None = None  # (F,) an unknown error that is known of, in its standard deviation
+    drift: np.ndarray | None = None  # (F,) one standard deviation of an error already found
 
     @cached_property
     def reported(self) -> float:

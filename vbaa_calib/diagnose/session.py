@@ -36,11 +36,12 @@ from .witness import Alteration, RigFit, Witness, name_of
 class _Mistake:
     """One possible mistake: its correction, its message and its prior.
 
-    alter : the problem with a mistake of some values put right. says : of a fit, what was wrong.
-    prior_std : of its values, about 0. log_prior : log odds before anything was seen.
-    gross : whether it cannot hide: not tried where all fits as reported; single : not even in one row.
-    moments : whether the sensor has a say.
-    within : what the values must keep to. slopes, further : see `Witness.forecast`.
+    alter : the problem corrected for the mistake, at some values of it. says : the diagnosis, from a fit.
+    prior_std : standard deviations of its values, about 0. log_prior : prior log odds.
+    gross : whether it is so large that it is tried only where the pictures widely contradict the reports; single : a
+        contradiction in one row is enough.
+    moments : whether the moment sensor's readings count, too.
+    within : whether a fit's values are plausible. slopes, further : see `Witness.forecast`.
     """
 
     alter: Alteration
@@ -406,7 +407,8 @@ def _always(diagnosis: Diagnosis, fit: RigFit) -> Diagnosis:
 
 
 def _news(witness: Witness) -> Callable[[np.ndarray], bool]:
-    """Whether gravity (F, 3) in the frames differs from the reported one and from all that it was called with."""
+    """A test whether gravity (F, 3) in the frames differs from the reported one and from that of all its earlier
+    calls."""
     known = [np.array([one.gravity_m_s2 for one in witness.problem.observations])]
 
     def new(pulls: np.ndarray) -> bool:
@@ -476,7 +478,7 @@ def _joints(witness: Witness) -> Iterator[_Mistake]:
 
 
 def _joint_faults(witness: Witness) -> Iterator[tuple[str, _Mistake]]:
-    """Those hypotheses, each with the fault in words."""
+    """Hypotheses of mistakes in the joints' readings, each with the fault in words."""
     kinematics, world = witness.kinematics, witness.session.gravity_world_m_s2
     frames = [one.still for one in witness.problem.observations]
     new = _news(witness)

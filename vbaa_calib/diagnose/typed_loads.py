@@ -67,7 +67,8 @@ def typed_load_diagnoses(loads: Sequence[Load], antenna: NominalAntenna) -> list
         return weighed(row[1]) * at_m**2 * softer / (2.0 * antenna.stiffness_Nm2)
 
     def described(row: tuple[int, Load], which: Sequence[tuple[int, Load]], digits: str) -> tuple[str, float]:
-        """The rows' name with one of them, and the predicted displacement of its tip, mm."""
+        """Words for rows with an impossible load, with one of them as the example, and the displacement of its tip, mm,
+        that the linear beam predicts."""
         load, tip_mm = row[1], 1e3 * slope_rad(row) * (length_m - row[1].distance_m / 3)
         name = rows_name(which, len(rows))
         return f"{name}: {weighed(load):.4g} N at {1e3 * load.distance_m:{digits}} mm would", tip_mm

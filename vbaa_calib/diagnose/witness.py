@@ -66,7 +66,8 @@ class RigFit:
 
 
 def _condensed(problem: Problem, parameters: np.ndarray) -> Problem:
-    """The problem with a few independent points for each picture, which say as much of a smooth curve as all of them.
+    """The problem with a few independent points for each picture, with as much information on a smooth curve as all of
+    them.
 
     A polynomial is fitted to the distances of a picture's points from the antenna with these parameters, with or
     without its reported load, whichever is nearer; its values at Gauss nodes are the points.
@@ -101,8 +102,8 @@ class _Distances:
     normals: np.ndarray  # (N, 2) one standard deviation long
     t: np.ndarray
     smooth: np.ndarray | None  # of a robust polynomial through them; None of a picture with too few points
-    left: np.ndarray  # (N,) how far they lie off it
-    scatter: float  # of that
+    left: np.ndarray  # (N,) residuals of the points from the polynomial
+    scatter: float  # standard deviation of these
 
     @staticmethod
     def of(seen: SeenPoints, images: ImageCurves, index: int, degree: int) -> _Distances:

@@ -9,7 +9,8 @@ def independent_axes(covariance: np.ndarray) -> np.ndarray:
     """A matrix A (P, P) with A·Aᵀ equal to the covariance (P, P): steps along its columns are independent, one
     standard deviation long.
 
-    The covariance may be singular: what is known exactly has a row of zeros, and what rounding left below zero.
+    The covariance may be singular: exact numbers get rows of zeros, and eigenvalues that rounding made negative count
+    as zero.
     """
     std = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
     unit = np.where(std > 0, std, 1.0)

@@ -71,7 +71,8 @@ class Kinematics:
 
     T_world_actuator = Trans(position)·Rz(pan)·Trans(offset along x)·Rx(skew)·Ry(−(tilt + tilt zero)). The pan axis is
     the world's z through `position_world_m`. The panned x axis is the common perpendicular of the two axes; its foot
-    on the tilt axis is the actuator frame's origin; its y runs along that axis. The paper's cross at right angles.
+    on the tilt axis is the actuator frame's origin; its y runs along that axis. In the paper the axes cross at right
+    angles.
 
     Attributes
     ----------
@@ -83,8 +84,8 @@ class Kinematics:
     axis_offset_m : from the pan axis to the tilt axis along the panned x.
     tilt_zero_rad : true tilt where the encoder reads zero; true tilt = reading + tilt_zero_rad.
     axes_std : (3,) standard deviations of skew (rad), offset (m) and tilt zero (rad) for a camera pose that is exact.
-    axes_by_pose : (3, 6) how much the three are off besides for a camera pose that is off (`Pose.retract`'s tangent):
-        what was measured by one sweep shares its errors. Without a sweep the axes count as exact.
+    axes_by_pose : (3, 6) derivatives of the three by the camera pose's error (`Pose.retract`'s tangent): results of one
+        sweep share its errors. Without a sweep the axes count as exact.
     """
 
     T_actuator_antenna: Pose = field(default_factory=Pose.identity)

@@ -161,13 +161,14 @@ _Looks = Annotated[tuple[tuple[_Level, _Level, _Level, _Spread], ...], Within(mi
 class AntennaImage:
     """Appearance of the antenna in this rig's pictures.
 
-    bright : brighter than the background, darker, or, with None, here this and there that.
+    bright : whether it is brighter than the background; None: brighter in some places, darker in others.
     noise_px : typical standard deviation of one centreline point.
     noise_scale : spread of the no-load points about the solved shape over the spread that their profiles predict.
     weights_bgr, colour_bgr : of rigs calibrated before colours were seen by their edges.
-    height : of the free antenna's line above its background, grey levels on that plane; None where not measured.
-    looks : (8, 4) its mean colour from clamp to tip, and the deviation of that; None: not measured.
-    both_edges : light from one side pulls its line, which is measured by both of its edges.
+    height : of the free antenna's line above its background, grey levels on the plane of `paint`; None where not
+        measured.
+    looks : (8, 4) its mean colour from clamp to tip, and the standard deviation of that; None: not measured.
+    both_edges : whether its line is measured by both of its edges, since light from one side displaces its middle.
     """
 
     noise_px: Annotated[float, Within(ge=1e-6, le=1e3)]

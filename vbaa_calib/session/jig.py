@@ -13,12 +13,13 @@ def jig_alternatives(
 ) -> list[tuple[str, Pose]]:
     """Alternatives for a T_antenna_board that was entered as `jig`: (the entry that would be wrong, in words; pose).
 
-    One mistake at a time, the commonest first, and no pose twice: of two that end in the same the commoner remains.
-    Pure geometry, which decides nothing: an alternative is likely if it puts the free antenna where it is seen.
+    One mistake at a time, the commonest first, and no pose twice: of two that lead to the same pose the commoner
+    remains. Pure geometry, which decides nothing: an alternative is likely if it puts the free antenna where it is
+    seen.
 
-    jig : of the printed face, as `Session` has it. opposite_m : (2,) x and y of what is the board's origin when it is
-    turned round; with it, a board that was measured to that corner is among them. thickness_m : between the jig's back
-    and the printed face.
+    jig : of the printed face, as `Session` has it. opposite_m : (2,) x and y of the corner that becomes the board's
+        origin when the board is turned round; with it, a board that was measured to that corner is among the
+    alternatives. thickness_m : between the jig's back and the printed face.
     """
     behind = Pose(np.eye(3), np.array([0.0, 0.0, thickness_m]))
     back, face = jig @ behind, behind.inverse()

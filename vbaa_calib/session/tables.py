@@ -62,7 +62,7 @@ class Frame(Still):
 
     moment_errors_Nm, joint_errors_rad : standard deviations of the readings (besides the sensor's noise) and of pan and
         tilt, by interpolation and by the clocks' offset.
-    joints_read : whether pan and tilt were read; else they are what a rig without them is taken to have.
+    joints_read : whether pan and tilt were read; else they are the values assumed for a rig without joint readings.
     others : pictures of the same instant by further cameras, by name.
     """
 
@@ -101,7 +101,7 @@ class _FrameColumns(Rows, Sequence[Frame]):
 
 
 def numbers_of(frames: Sequence[Frame], column: str = "frame") -> np.ndarray:
-    """(F,) numbers of the frames, or what another column has."""
+    """(F,) values of a numeric column of the frames, by default their numbers."""
     if isinstance(frames, _FrameColumns):
         return np.asarray(getattr(frames, column))
     return np.array([getattr(each, column) for each in frames], np.int64 if column == "frame" else float)

@@ -39,8 +39,9 @@ _Plane = Annotated[np.ndarray, array_of(2, ge=-1, le=1)]
 class _WhiskingFile(StatedFile):
     """A scene of whiskers: the stated parameters (here also the true ones) and their motion.
 
-    Follicles move with one frequency: amplitudes of the angle in the picture, of their way, of turns out of the plane
-    and about the whisker's own axis, and of the depth. The post is upright; some whiskers reach it.
+    Follicles move with one frequency; the fields are the amplitudes of the angle in the picture, of their displacement,
+    of turns out of the plane and about the whisker's own axis, and of the depth. The post is upright; some whiskers
+    reach it.
     """
 
     VERSION = "vbaa.whisking/1"

@@ -106,7 +106,7 @@ def write_session(
     ----------
     folder : the session; replaced with `force`, but only when it is a session or empty.
     recording_pictures : False writes recording/centrelines.csv in place of the recording's pictures.
-    traced : mitsuba takes the pictures. labels : write what is to be seen in them, too.
+    traced : mitsuba takes the pictures. labels : also write what each picture shows, into labels/.
 
     Raises
     ------

@@ -389,7 +389,8 @@ def _close(reader: Any) -> None:
 
 
 def _typestore(path: Path) -> Any:
-    """Message definitions for bags that contain none: those of the last ROS that wrote such, and Foxglove's picture."""
+    """Message definitions for bags that contain none: those of the last ROS version that wrote such bags, and
+    Foxglove's picture."""
     typesys = require_extra("rosbags.typesys", "live")
     stores = typesys.Stores
     if path.suffix == ".bag":

@@ -51,7 +51,7 @@ def _datagrams(listening: socket.socket, notes: list[str], key: bytes | None = N
     present.
 
     key : datagrams without its HMAC, or with a number that is not larger than the one before, are left out.
-    notes : each of the first senders is reported, with what it sent that is left out.
+    notes : receives a message for each of the first senders of datagrams that are left out, with an example.
     """
     number, noted = -1, set[tuple[str, bool]]()
 

@@ -65,8 +65,8 @@ class Taken:
     """A picture (H, W) grey or (H, W, 3) blue, green, red, and its time.
 
     time_s : of the exposure, by the stream's clock. arrived_s : when it came, by the source's clock.
-    received_s : when this process had it, `time.perf_counter`. waiting : how many have come
-    since: what can be put off should be. camera : its name, of several.
+    received_s : when this process had it, `time.perf_counter`. waiting : how many have come since: with any, work that
+        can be put off should be. camera : its name, of several.
     """
 
     time_s: float
@@ -127,12 +127,12 @@ class MessageSource:
     Attributes
     ----------
     name : for the screen.
-    messages : what comes. Called once.
-    channels : those known to come; more may.
+    messages : a function that yields the messages; called once.
+    channels : the channels that are known beforehand; others may follow.
     live : the pictures are taken while they are read; else they were taken before.
     dropped : how many pictures were left out, since newer ones had come.
     reopened : how often it broke off and was reached again.
-    notes : what else there is to tell, so far.
+    notes : remarks for the user, so far.
     """
 
     name: str

@@ -53,9 +53,9 @@ def open_recorded(
 ) -> MessageSource:
     """A bag, a video or a table of pictures, with the readings of another table, if any.
 
-    camera : the rig's, or several by name; `views` says by name where else one was recorded, "" for here, and what is
-    added to its times. offset_s : added to the readings' times; None: to be estimated. Raises InputError, also for a
-    bag of another camera.
+    camera : the rig's, or several by name; `views` has by name another source in which one was recorded, "" for this
+        one, and an offset added to its times. offset_s : added to the readings' times; None: to be estimated. Raises
+    InputError, also for a bag of another camera.
     """
 
     def opened(path: Path, camera: Camera | Mapping[str, Camera]) -> MessageSource:
@@ -271,7 +271,7 @@ def _open_folder(path: Path, idle_s: float) -> MessageSource:
 def _open_lines(stream: BinaryIO, idle_s: float, root: Path = Path()) -> MessageSource:
     """JSON lines with time_s, readings by name, and `image`: a path, or a picture's bytes in base64.
 
-    A line that is none is left out and counted. It ends with the stream, or when nothing came for `idle_s`.
+    An invalid line is left out and counted. It ends with the stream, or when nothing came for `idle_s`.
     """
     notes: list[str] = []
     wrong = 0

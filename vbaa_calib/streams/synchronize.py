@@ -29,12 +29,13 @@ class Timing:
     """Tolerances and clock offsets by which readings and pictures are matched.
 
     offset_s : what is added to a reading's time to have it on the pictures' clock.
-    gap_s : a picture between two readings further apart, or so far from the only one, has none.
+    gap_s : a picture gets no reading where the two around it are further apart than this, or where the only one is
+        further away.
     wait_s : how long a picture waits for the readings after it, by the source's clock.
     joints_rad : pan and tilt of a rig without readings of its joints, or NaN: they must be read.
     offset_std_s : deviation of the offset. moment_std_Nm : noise of the moments about y and
         z, and of what else `session.READINGS` has, as far as it is known.
-    jump_s : a stamp that steps further ahead of arrival, or back, waits for the next ones to bear it out: queues and
+    jump_s : a stamp that steps further ahead of arrival, or back, counts only once the next ones confirm it: queues and
         networks delay by less, clocks are set by more.
     agreeing : so many such stamps in a row are a clock that was set, not errors.
     together_s : pictures of several cameras that are so near in time are of one frame.
@@ -125,9 +126,9 @@ class _Channel:
         """Standard deviation of the value at a time due to interpolation and clocks, in addition to the readings'
         noise `std`.
 
-        Between two readings the value may leave the line by as much as its rate changes there, s·(1 − s) of how far the
-        second lies off the line through the first and the one before. What noise alone makes of that is taken off, and
-        what interpolation takes off the noise.
+        Between two readings, at a fraction s of the way, the value may be off the straight line by s·(1 − s) times the
+        distance of the second reading from the line through the first and the one before. The contribution of noise to
+        that distance is subtracted, and so is the noise that interpolation averages out.
         """
         value, age_s = self.at(time_s, timing.gap_s)
         if not age_s >= 0.0:
@@ -213,8 +214,8 @@ class Synchronizer:
     A picture waits until every channel has a reading after it, or for `Timing.wait_s`. Between the readings on either
     side its own are interpolated; where they are missing, or too far apart, the frame has none. Pictures and readings
     that come twice or out of order are left out, and so are those with stamps that jump, unless `Timing.agreeing` do so
-    in a row, or live nothing speaks against them for `Timing.wait_s`: then the clock was set, and it goes on by the new
-    one. Where that is earlier, the frames' times run on.
+    in a row, or, live, nothing contradicts them for `Timing.wait_s`: then the clock was set, and the new time counts.
+    Where that is earlier, the frames' times go on rising.
 
     Of several cameras, pictures within `Timing.together_s` are one frame. A picture waits for the other cameras' as it
     does for readings, but not for a camera that has been silent for long; without them it is a frame of its own.

@@ -242,7 +242,7 @@ def entries_that_show_it(state: SessionState, still: Still, step: str, image: np
 def antenna_diagnoses(state: SessionState, together: bool = True) -> list[Diagnosis]:
     """Diagnoses of jig, material, the antenna's pictures and their readings; materials first.
 
-    together : by the solution of all pictures, too, which takes more than one.
+    together : also by the solution of all pictures, which needs more than one.
     """
     first = _first_doubts(state)
     if not together:

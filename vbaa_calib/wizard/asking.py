@@ -55,7 +55,7 @@ def take_back(store: Store, step: str) -> bool:
     """Remove a step's last answer and what depends on it; False if there is none. The answer becomes the question's
     default.
 
-    The way to plane C stays while it has pictures, which are in its folder.
+    The answer on the way to plane C stays while that way has pictures in its folder.
     """
     answers = store.journal.answers
     remaining = _open_questions(step, answers)

@@ -116,8 +116,9 @@ def _archive_results(store: Store, ui: Ui) -> None:
 def redo(store: Store, ui: Ui, step: str, *, by_flag: bool = False) -> None:
     """Start a step again; prints where its old pictures are and which come next.
 
-    Somebody who is there takes new pictures: those of a folder that were judged before do not count. A program gives
-    what its folder holds now, and so does `--redo` (by_flag) where that holds nothing new: nothing is waited for.
+    A user who is present takes new pictures: those of a folder that were judged before do not count. Without a user,
+    and with `--redo` (by_flag) where the folder holds nothing new, the pictures that it holds are judged again, and
+    nothing is waited for.
     """
     there, records = _pictures_in(_source_text(store, step)), [store.journal.of(name) for name in PICTURES]
     judged = {one.sha256 for each in records for one in each.taken} | {
@@ -248,7 +249,7 @@ def _pictures_in(text: str) -> list[Path]:
 def _begin(store: Store, ui: Ui, step: str) -> None:
     """Note which pictures of a shared folder belong to earlier steps; of a step's own folder all count.
 
-    Not before the step's questions are answered: until then somebody may be at the step before.
+    To be called once the step's questions are answered: until then the user may be at the step before.
     """
     text = _source_text(store, step)
     if store.journal.of(step).past is not None or not text:

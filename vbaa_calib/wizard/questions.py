@@ -29,7 +29,8 @@ _NUMBER = re.compile(r"([-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\s\d
 class Question:
     """One question. Its key `antenna_length_mm` is the flag `--antenna-length-mm` and `antenna_length_mm:` in a file.
 
-    kind : number, numbers, choice, yesno, sides or text. default : None if there is none. usual : taken without asking.
+    kind : number, numbers, choice, yesno, sides or text. default : None if there is none. usual : whether the default
+        is taken without asking.
     low, high : of numbers. length : how many numbers, 0 for any. needed : whether it is asked, by the answers so far.
     """
 

@@ -334,7 +334,7 @@ class Store:
         not chosen.
 
         The calibration would use every way to plane C that it finds. In a session that was not made by the wizard all
-        of them are meant, and none is listed.
+        of them are wanted, and none is returned here.
         """
         named = {one.file for record in self.journal.steps.values() for one in record.taken}
         folders = [self.root / self.folder(step) for step in PICTURES]

@@ -18,7 +18,7 @@ class TimeAxis:
     """The time axis of all figures over time. Times (B,), B ≥ 1, that begin far from 0 are relative to the first.
 
     time_s : (B,) since `start_s`, rising. step_s : the usual time between frames; 1 for a single frame.
-    ends_s : half a step before the first frame and after the last. pixel_s : what a pixel's width is.
+    ends_s : half a step before the first frame and after the last. pixel_s : time per pixel.
     events_s : times of events, with words: drawn through every figure.
     """
 

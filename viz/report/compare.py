@@ -32,16 +32,16 @@ _QUANTITIES = {
 class ComparedContacts:
     """Two tables of the same frames.
 
-    A difference is B minus A. A deviation is the root of the mean of both variances, so that what two results make of
-    the same measurements differs by a small part of it, and what they make of independent ones by 1.4 on average.
+    A difference is B minus A. Differences are also compared with the root of the mean of both variances: results from
+    the same measurements differ by a small part of it, results from independent ones by 1.4 of it, rms.
 
     Attributes
     ----------
-    frames : (F,) those of both. only_a, only_b : how many are in one alone.
+    frames : (F,) numbers of the frames in both. only_a, only_b : how many are in one alone.
     changed : (status of A, of B) → frames, where they differ.
     located : (K,) frames in which both have a contact.
     differences : (K,) of distance, force_y and force_z, m or N; of the point its distance, m.
-    deviations : the same in deviations; of the point with all of its covariance.
+    deviations : the same over that root; of the point by its whole covariance.
     """
 
     frames: np.ndarray

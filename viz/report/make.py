@@ -41,7 +41,7 @@ class Sources:
     contacts : contacts.csv or .parquet.
     rig : rig.json: adds friction, stiffness, the scene and the residual's scale.
     session : adds a picture of the recording; needs the rig.
-    ground : what `vbaa estimate` took off the pictures.
+    ground : the background that `vbaa estimate` subtracted from the pictures.
     truth : truth.json, drawn with the estimates.
     drift : what has changed since the calibration (`estimator.contact.drift.summary`).
     framewise : contacts.csv that the contacts were refined from, drawn with them.

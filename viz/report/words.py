@@ -36,7 +36,7 @@ _LOST = ("no_antenna", "failed", "unobservable", "low_signal", "not_quasistatic"
 def object_found(table: ContactTable, rig: Rig | None) -> tuple[ObjectEstimate | None, Track | None, tuple[Fact, ...]]:
     """What the contacts determine together: the object, phases and events of the frames, and both in words.
 
-    What is None is undetermined, and the facts say why.
+    None stands for an undetermined result; the facts give the reason.
     """
     from estimator.object.estimate import estimate_object
     from estimator.object.track import follow

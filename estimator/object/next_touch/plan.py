@@ -178,7 +178,7 @@ def _reachable(
     found: SurfaceFit, arrays: RigArrays, rows: np.ndarray, joints_rad: np.ndarray, limits: JointLimits
 ) -> _Reach:
     """Feasible touches near those already made, rows (P,) at joint angles (P, 2), pressed straight onto the known
-    surface: all the way from the first contact lies on places that `reconstruct` would draw."""
+    surface: from first contact on they stay on places that `reconstruct` would draw."""
     rows = rows[spread_evenly(len(rows), _TouchSettings.rows)]
     label = np.empty(len(found.touches), int)
     for index, one in enumerate(found.patches):
@@ -330,7 +330,7 @@ class NextTouch:
 
     goal: str  # of `GOALS`
     begin_rad: tuple[float, float]  # pan and tilt clear of the object
-    touch_rad: tuple[float, float]  # where it should first be felt
+    touch_rad: tuple[float, float]  # at the expected first contact
     press_rad: tuple[float, float]  # pressed
     end_rad: tuple[float, float]  # where a stroke for the friction ends, else as pressed
     distance_m: float  # along the antenna, as it should come out when pressed
@@ -339,7 +339,7 @@ class NextTouch:
     normal: tuple[float, float, float]  # the object's there
     # deviation of the goal now: of the surface, rms over where it was touched and can be, m; μ; compliance, m/N
     std: float
-    std_after: float  # as it should be afterwards
+    std_after: float  # expected standard deviation of the goal afterwards
     compared: int  # how many touches could be made
 
     def summary(self) -> dict[str, Any]:
@@ -445,7 +445,7 @@ def _touches_within(
 class _Offered:
     """Expected uncertainty of B touches."""
 
-    rows: np.ndarray  # (B,) of those that were looked at
+    rows: np.ndarray  # (B,) of the touches that were assessed
     shared: CommonErrors  # errors that they share with the contacts that were made
     force_N2: np.ndarray  # (B, 3, 3) own covariances, world
     angle_std_rad: np.ndarray  # (B,) of the friction angle
@@ -518,7 +518,7 @@ def _equations(found: SurfaceFit, index: int, reach: _Reach, seen: _Offered, m: 
 
 
 def _seen(solution: ShapeSolution, index: int, new: ShapeEquations) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What M new equations of a patch add to the K solved ones.
+    """Covariance of M new equations of a patch with the K solved ones, and their sensitivity to the compliance.
 
     Returns their covariance (K, M) with the solved ones, whitened by those; their own covariance (M, M) conditional on
     those and the compliance; and their sensitivity (M,) to the compliance, N, less what the solved ones predict of it.

@@ -166,7 +166,7 @@ def _compliance_of(fit: SurfaceFit) -> Compliance:
 
 
 def _surface(found: SurfaceFit, compliance: Compliance, known: bool, notes: list[str]) -> Surface:
-    """What to draw of a solved shape, and its numbers at the touches. known : whether covariances are."""
+    """The surface to draw from a solved shape, with its numbers at the touches. known : whether covariances are."""
     touches, count, normals = found.touches, len(found.touches), with_common_errors(found)
     touched, touched_std, label = np.empty((count, 3)), np.empty(count), np.empty(count, int)
     pieces = []

@@ -289,9 +289,9 @@ def learn_prior(
 def _lowest(
     improbability: _Improbability, logs: np.ndarray, bend: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Logarithms within bounds at which the objective is least, from near ones and its second derivatives (by
-    differences unless they come along), and the latter as they are then known: by BFGS's method. Where the objective
-    is lost in rounding the gradient leads on."""
+    """Logarithms within bounds that minimise the objective, by BFGS's method from nearby ones and the second
+    derivatives there (by differences unless these come along), and the second derivatives at the end. Where rounding
+    hides the objective's decrease the gradient alone decides."""
     low, high = _LOWEST[: len(logs)], _HIGHEST[: len(logs)]
     value, slope = improbability(logs)
     if bend is None:

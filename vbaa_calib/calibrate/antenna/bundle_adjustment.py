@@ -185,11 +185,12 @@ class BundleAdjustment:
     camera : the lens solved from all pictures together, with its covariance.
     covariance : (17 + P, 17 + P) of `RIG_PARAMETERS`, the pose's part about the solved pose, and of the lens.
     scatter : ratio, at least 1, of the pictures' scatter to that which their noise explains; in the covariance.
-    point_rms : (F,) per observation, in units of the scaled deviations.
+    point_rms : (F,) of each observation's points, in their scaled standard deviations.
     moment_residuals_Nm : (F,) reading less prediction.
     sensor : the solved sensor of everything but the moment about y, with its covariance; None without one.
     tip : where the antenna's visible end lies, from the pictures; None where it was not seen, or not used.
-    tip_gap_std : by how many deviations the ends lie off the length, as everything else has it; NaN without any.
+    tip_gap_std : distance of the visible ends from the length by all other data, in standard deviations; NaN without
+        any.
     """
 
     problem: Problem
@@ -270,7 +271,7 @@ def adjust_bundle(
 
     In passes: each weighs the points by their scatter in the one before, and leaves out frames that lie much further
     off than the others. Where the lens folds within its covariance, its prior is narrowed. Where points share their
-    errors, the frames with a load, or without, say no more than one of them: the light does not move.
+    errors, all frames with a load count as one, and so do all without: the light is the same in all.
     """
     sees, shares = prior.camera.valid_region().image_fraction, list(AntennaSettings.lens_shares)
     failure = SolveError("the lens that the pictures require folds inside the picture: calibrate it from more views")
@@ -498,11 +499,11 @@ def _tip(problem: Problem, evaluated: Evaluation, root: np.ndarray) -> Tip | Non
 
 
 def noise_scale(residuals: Sequence[np.ndarray]) -> float:
-    """Ratio of the points' effective standard deviation, when many are averaged, to the stated one: the median over
-    the lines (N,), of which one that states more than it has says nothing of the others.
+    """Ratio of the points' effective standard deviation, when many are averaged, to the stated one: the median over the
+    lines (N,), so that a single line with overstated deviations does not matter.
 
-    Measured on means of runs of neighbours, too, which see errors that neighbours share; each line's offset, slope and
-    curvature are fitted.
+    Also measured on means of runs of neighbours, which reveal errors that neighbours share; each line's offset, slope
+    and curvature are fitted.
     """
     found = []
     for points in residuals:
@@ -529,12 +530,13 @@ def _rows_of_table(frames: Sequence[Still]) -> list[tuple[str, int]]:
 class _Cameras:
     """The problems of several cameras as one, in the form that `_minimised` takes.
 
-    Its parameters (Q,) are antenna and moment sensor, errors of the loads' readings, of the taper and of a wrench
-    sensor, in deviations; then of the visible end's distance from the length, and of what the cameras' poses have in
-    common, likewise; and pose, lens and light of each camera.
+    Its parameters (Q,): antenna and moment sensor; in standard deviations the errors of the loads' readings, the taper
+    and a wrench sensor, then those of the visible end's distance from the length and those common to the cameras'
+    poses; finally pose, lens and light of each camera.
 
-    problems : each camera's. places : of each one's parameters among all. reads : of each one's kept static frames,
-        whether no earlier camera has its readings. tip, common : where these errors are.
+    problems : one per camera. places : per camera the indices of its parameters among the Q. reads : per camera a mask
+        of its kept static frames with readings that no earlier camera has. tip, common : slices of the errors of the
+        visible end and of those common to the poses.
     """
 
     problems: Sequence[Problem]

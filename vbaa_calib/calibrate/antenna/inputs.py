@@ -120,12 +120,13 @@ class Observation:
         return locking_std(self.points_px)
 
     def only(self, points: np.ndarray) -> Observation:
-        """The same with some of its points (N,) alone."""
+        """The observation reduced to the selected points (N,)."""
         own, row = self.sigma_px[points], np.broadcast_to(self.row_px, points.shape)[points]
         return replace(self, points_px=self.points_px[points], sigma_px=own, row_px=row)
 
     def std_px(self, noise_scale: float) -> np.ndarray:
-        """(N,) `sigma_px`, with the noise of rows, which the others' scatter does not scale."""
+        """(N,) standard deviations for a noise scale: `sigma_px`, plus the noise of the pixel rows, which the scale
+        leaves unchanged."""
         return np.hypot(self.sigma_px, self.row_px / noise_scale)
 
     @property

@@ -265,8 +265,8 @@ class Problem:
     def _bent(
         self, which: np.ndarray, parameters: np.ndarray, contact_m: np.ndarray, force_N: np.ndarray, each: int = 1
     ) -> Curves:
-        """Shapes of B antennas (B, 9) in the gravity of observations (B,), under a load for `each` of them in turn, at
-        places (B / each,) and of forces (B / each, 2)."""
+        """Shapes of B antennas (B, 9) in the gravity of observations (B,). Every `each` of them in turn share a load,
+        at places (B / each,) m and with forces (B / each, 2) N."""
         if self.changes is not None:
             parameters = parameters + self.changes[which]
         factor = np.exp(self.uneven[0] * np.array([-0.5, 0.5]))
@@ -368,7 +368,7 @@ class Problem:
         return {int(index): moved.picked(np.array([row])) for row, index in enumerate(self.tips)}
 
     def _loaded(self, parameters: np.ndarray) -> Problem:
-        """The problem whose shapes are bent by loads and a taper as these parameters correct them."""
+        """The problem with shapes computed under the loads and the taper as these parameters correct them."""
         errors, thinner = parameters[self.readings] - self.readings_at, float(parameters[self.taper].sum())
         misread = errors if errors.any() else None
         return self if misread is None and thinner == self.thinner else replace(self, misread=misread, thinner=thinner)
@@ -551,7 +551,8 @@ class Problem:
         return np.asarray(np.linalg.inv(np.linalg.cholesky(np.eye(len(common)) + np.outer(common, common))))
 
     def by_all(self, rows: np.ndarray) -> np.ndarray:
-        """Derivatives by all parameters of rows of an `Evaluation`; sensor errors do not move points."""
+        """Rows of an `Evaluation` as derivatives by all parameters; gain, offset and sensor errors, which do not move
+        points, get zeros."""
         none = np.zeros((len(rows), 2)), np.zeros((len(rows), len(self.prior.sensor_std)))
         return np.hstack([rows[:, 1 : 1 + GAIN], none[0], rows[:, 1 + GAIN :], none[1]])
 
@@ -606,7 +607,7 @@ class Problem:
         return away, rows
 
     def _away(self, estimate: PoseEstimate, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(6, 6) that whitens an estimate of the pose, and (6,) how far the parameters' pose is from it, whitened."""
+        """(6, 6) whitening matrix of a pose estimate, and (6,) the parameters' pose relative to it, whitened."""
         whiten = np.linalg.inv(np.linalg.cholesky(estimate.covariance))
         away = self.pose(parameters).tangent_from(estimate.T_antenna_camera)
         if len(self.prior.lens_axes):

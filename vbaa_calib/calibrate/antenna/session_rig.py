@@ -147,7 +147,7 @@ class ExpectedAntenna:
         return Paint()
 
     def _finder(self, still: Still, gravity_m_s2: np.ndarray, deviations: float | None) -> AntennaFinder:
-        """Detector of the antenna within so many standard deviations of its expected place; None: in the whole
+        """Detector of the antenna within `deviations` standard deviations of its expected place; None: in the whole
         picture."""
         length, reach = self.antenna.length_m, SearchSettings.reach
         shape = free_curve(self.parameters, length, gravity_m_s2, self.antenna.taper)

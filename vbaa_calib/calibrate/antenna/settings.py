@@ -28,8 +28,8 @@ class AntennaSettings:
     standstill: float = 1e-11  # the same of an exact pass: a few millionths of a deviation
     enough: float = 1e-5  # the same that counts as converged after all iterations
     passes: int = 12  # with the points' scatter about the one before, most
-    hopeless: float = 30.0  # scatter of the points, over their own, with which passes that do not converge never will,
-    hopeless_passes: int = 2  # after so many
+    hopeless: float = 30.0  # ratio of the points' scatter to the stated one, from which an unconverged pass is hopeless
+    hopeless_passes: int = 2  # in a row, after which the solve is given up
     exact_from: float = 0.1  # change of the points' scatter below which passes are exact
     last_change: float = 1e-5  # change of it with which they end
     load_step_m: float = 1e-4  # finite difference of a load's place, towards the clamp

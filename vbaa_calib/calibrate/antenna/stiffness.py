@@ -371,7 +371,7 @@ class StiffnessSolution:
     clamp_share_std: float  # the clamp's prior
     clamp_std_Nm2: float  # its part of EI's std
     offset_free: bool  # whether the gauge's offset was fitted
-    other_offset: BeamFit  # the fit with the offset held, or free
+    other_offset: BeamFit  # the fit with the offset fixed where `fit` has it free, and free where fixed
     free_clamp: BeamFit | None  # with a clamp free to turn; None where it does not converge
 
 

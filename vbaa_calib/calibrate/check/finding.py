@@ -40,8 +40,8 @@ class Discrepancy:
 
     distance_std: float  # its Mahalanobis length, in standard deviations of the predicted difference
     freedom: int  # its degrees of freedom
-    size: float  # what it amounts to
-    floor: float  # up to which size it does not matter
+    size: float  # its consequence, in `unit`
+    floor: float  # largest size without consequence, in `unit`
     unit: str
 
     @property
@@ -79,7 +79,7 @@ class Finding:
 
     @property
     def is_bad(self) -> bool:
-        """Whether something is to be done."""
+        """Whether the answer calls for an action: `LOOK` or `FAILS`."""
         return self.level in (LOOK, FAILS)
 
     @property
@@ -94,7 +94,7 @@ class Finding:
 
 
 def judged(name: str, words: str, remedy: str, evidence: Discrepancy) -> Finding:
-    """A finding graded by its evidence; with the remedy unless it holds."""
+    """A finding graded by its evidence; with the remedy unless it is `HOLDS`."""
     return Finding(name, evidence.level, words, None if evidence.level == HOLDS else remedy, evidence)
 
 

@@ -144,7 +144,7 @@ _StiffnessStd = Mapping[str, float]
 class _StiffnessForecast:
     """Uncertainty of EI at present, and after further loads.
 
-    A weight that hangs twice is off by the same both times, and so is a place that is used twice: their errors do not
+    A weight that hangs twice has the same error both times, and so has a place that is used twice: these errors do not
     average out.
     """
 

@@ -46,12 +46,12 @@ class Information:
 
     @property
     def covariance_half(self) -> np.ndarray:
-        """(4 + k + 5, p) root of the covariance: its square is that."""
+        """(4 + k + 5, p) square root R of the covariance: R·Rᵀ."""
         return np.sqrt(self._variance) * self.view_scatter * self.half
 
     def covariance_with(self, other: Camera, camera: Camera, corners_px: np.ndarray) -> np.ndarray:
-        """The covariance of a lens where another one may be true: the change by which it would best project as the
-        other among the corners (N, 2) is one more error."""
+        """Covariance of the lens, allowing for another lens to be the true one: the change with which it best projects
+        like the other, among the corners (N, 2), is added as one more error."""
         pixels = pixel_grid(camera.image_size).reshape(-1, 2)
         rays, valid = other.unproject(pixels)
         seen, inside = camera.project(rays)
@@ -174,8 +174,8 @@ def _compare_split_half(
     """Rms difference over the picture between the lenses of two halves of the views, in predicted standard
     deviations, and its p-value; None with under 6 views, or where a half does not determine the lens.
 
-    The views are dealt out in turn; each half's lens is one Gauss–Newton step from that of all. What a turn of the
-    camera explains is left out, and so is the penalty against folding.
+    The views go to the halves alternately; each half's lens is one Gauss–Newton step from that of all. The part of the
+    difference that a rotation of the camera explains does not count, nor does the penalty against folding.
     """
     if len(known.squares) < LensSettings.halved_views:
         return None, None
@@ -270,8 +270,8 @@ class Assessed:
 
 
 def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, tuple[Candidate, ...], Camera]:
-    """Name of the lens model to use, the comparison, and the lens that would be taken if parameters cost nothing;
-    where that is the same, the decentred one. corners_px : (N, 2) of all views.
+    """Name of the lens model to use, the comparison, and the lens that would be chosen if further parameters cost
+    nothing, or the decentred one where that is the chosen one. corners_px : (N, 2) of all views.
 
     1. Models are wrong if their error on left-out views exceeds the least one by 10 %, or significantly (over views) by
        0.5 %.
@@ -289,7 +289,8 @@ def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, 
     reasons: dict[str, str] = {}
 
     def preferred(names: Sequence[str], good: Sequence[str], may_cost: float, why: str) -> Sequence[str]:
-        """The good candidates, unless all of them cost too much; and why the others are not chosen."""
+        """The good candidates, or all where the good ones cost too much; notes the reason `why` the others are not
+        chosen."""
         least = min(every[name].candidate.held_out_rms_px for name in names)
         if all(every[name].candidate.held_out_rms_px > may_cost * least for name in good):
             return names
@@ -357,9 +358,9 @@ def _expected_errors_px(
     difference from the reference less twice the mean that noise causes.
 
     cameras : by name, from the same corners (N, 2), with covariances. reference : one without bias. left_out : by how
-    much the parameters (V, 4 + k) change without each view. What a turn of the camera explains among the corners is
-    left out; the geometric mean over the picture is taken, so that a lens must not run wild beyond the corners, nor
-    count for nothing else.
+    much the parameters (V, 4 + k) change without each view. The part that a rotation of the camera explains among the
+    corners does not count. The mean over the picture is geometric: an error beyond the corners counts, but does not
+    outweigh all others.
     """
     pixels = pixel_grid(cameras[reference].image_size).reshape(-1, 2)
     among = is_covered(pixels, corners_px)

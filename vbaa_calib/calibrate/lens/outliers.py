@@ -62,7 +62,7 @@ def _outlier_limit(distances: np.ndarray) -> float:
 
     The tail is a Weibull's through the median and the 90 % quantile of what lies within the limit. Normal noise has the
     exponent 2 and is cut at 5.3 standard deviations; noise with long tails, as real pictures have it, is cut later. The
-    limit grows from below until it stays: from above, gross errors would pass for a long tail.
+    limit grows from below until it no longer changes: from above, gross errors would pass for a long tail.
     """
     limit = LensSettings.first_limit * float(np.median(distances))
     for _ in range(LensSettings.outlier_rounds):
@@ -102,7 +102,8 @@ def fit_without_outliers(
     """The good views and corners, and the solution from these alone.
 
     Least squares over the corners within the limit of the start, and all corners of the remaining views are judged anew
-    by it, until none changes sides. A view goes only where half its corners are wrong or the good ones fix no pose.
+    by it, until none changes sides. A view is dropped only where half its corners are wrong or the good ones fix no
+    pose.
 
     start : a robust fit to all corners, or the solution over the corners of masks, per view (N,).
     """

@@ -25,7 +25,8 @@ def projection_uncertainty(
     """Pixels (R, C, 2) on a grid over the picture, the covariances (R, C, 2, 2) px² of the projections of their fixed
     rays, and the standard deviations (R, C) px in the worst direction; NaN without a ray. grid : (columns, rows).
 
-    compensated : without what a turn of the camera explains. Raises InputError when the camera has no covariance.
+    compensated : without the part that a rotation of the camera explains. Raises InputError when the camera has no
+        covariance.
     """
     if camera.covariance is None:
         raise InputError("the camera has no covariance", remedy="calibrate it with vbaa intrinsics")

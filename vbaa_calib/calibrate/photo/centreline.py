@@ -130,7 +130,7 @@ def _paths_at(
     """Candidate paths of ribbons of one width `at` a level (in the photograph's pixels), the best first; from clamp to
     tip where these are known. Their colour is one of `colours` (K, channels) if any.
 
-    limits : evidence that they may lack, and least log odds of a correlation length.
+    limits : evidence by which a path may fall short of the best, and the least log odds of a correlation length.
     """
     (level, width_px), (clamp, tip), (bound, gap) = at, ends, limits
     height, columns = level.planes.shape[1:]
@@ -424,7 +424,7 @@ def _judged(
 
 
 def _joined(planes: np.ndarray, one: _MeasuredRod, other: _MeasuredRod, settings: RodSettings) -> _MeasuredRod | None:
-    """The rod of which two lines of different colours are the two halves, as they touch all along; None for others."""
+    """The rod made of two lines of different colours that touch along their whole length; None where they do not."""
     both, room = 0.5 * (one.width_px + other.width_px), one.width_px + other.width_px
     ends = np.hypot(*(one.curve_px[[0, -1]] - other.curve_px[[0, -1]]).T)
     if max(ends) > 2.0 * room or min(each.parts["sides"] for each in (one, other)) < settings.one_sided:
@@ -465,7 +465,7 @@ def _course(
     settings: RodSettings,
 ) -> _Course | None:
     """Points and their curve, the width, whether the ends are inside, which stations have two edges by some channels,
-    and their share of what nothing hides; None where there are none. In pixels of the patch."""
+    and the share of the line that something hides; None where no line is found. In pixels of the patch."""
     planes, spread = patch.planes[channels], patch.spread[channels]
     first, last = ends
     if not arc_lengths(coarse)[-1] > width:
@@ -541,8 +541,8 @@ def _course(
 def _along(
     planes: np.ndarray, curve: np.ndarray, width: float, cell: float, seen: np.ndarray, settings: RodSettings
 ) -> dict[str, float]:
-    """Evidence along a curve that is measured: total and mean log odds of the search in the straightened picture, its
-    bends, and the colours of both sides."""
+    """Evidence along a measured curve: total and mean log odds of the search in the straightened picture, its bends,
+    and the colours of both sides."""
     fine = width / settings.level_width_px
     sigma = 0.4 * np.sqrt(max(fine**2 - 1.0, 0.0))
     soft = planes if sigma < 0.3 else np.stack([cv2.GaussianBlur(each, (0, 0), sigma) for each in planes])
@@ -595,8 +595,9 @@ def _along(
 
 
 def _against_sides(middle: np.ndarray, sides: Sequence[np.ndarray], shading: np.ndarray) -> dict[str, float]:
-    """Contrast of the middle's colours (channels, S) with the more like side, in typical differences of one surface's
-    places; and the difference of both sides relative to it: the edge of a thing has that thing on one side only."""
+    """Contrast of the middle's colours (channels, S) with the more similar side, in typical differences between places
+    of one surface; and the difference of both sides relative to it: large where the curve is only an edge of a thing,
+    which then lies on one side."""
     left, right, across = (
         np.linalg.norm(each / shading[:, None], axis=0)
         for each in (middle - sides[0], middle - sides[1], sides[0] - sides[1])
@@ -652,7 +653,8 @@ def _goes_on(
 def _rod_odds(parts: dict[str, float], known: int, covered: bool, loose: float, settings: RodSettings) -> float:
     """Log odds that a line with so many `known` ends is a rod and not something else with two edges.
 
-    covered : whether an end is in a shadow, or the line goes on; loose : to 1, where nothing is beyond either end.
+    covered : whether an end is in a shadow, or the line goes on. loose : from 0 to 1, where nothing is beyond either
+        end.
     """
     bend, length, contrast = parts["net"], float(np.log(parts["length_share"])), max(parts["contrast"], 1.0)
     edges = min(0.0, parts["edges"] - settings.good_edges)
@@ -884,8 +886,9 @@ def _to_the_ends(
     beyond: float,
     settings: RodSettings,
 ) -> tuple[np.ndarray, tuple[bool, bool], float]:
-    """The part of the curve (M, 2) that is on the rod, or between its ends where they are known, and whether it ends
-    within the picture; and what share of it something hides. The curve goes on `beyond` what was measured of it."""
+    """The part of the curve (M, 2) that is on the rod, or between its ends where they are known; whether it ends within
+    the picture; and the share of it that something hides. beyond : length by which the curve goes on past the measured
+    points."""
     planes, noise = patch.planes, patch.noise
     count = len(curve)
     step = float(arc_lengths(curve)[-1]) / (count - 1)
@@ -903,7 +906,8 @@ def _to_the_ends(
     nearest = np.clip(np.arange(count) - known[run // 2], 0, len(known) - 2 * (run // 2) - 1)
 
     def log_density(surface: np.ndarray) -> np.ndarray:
-        """(M,) of what is there, were it this surface (channels, M), which looks as near by, or as its last piece."""
+        """(M,) log density of the picture along the curve if it shows this surface (channels, M), which looks there as
+        it does nearby."""
         usual = _running_medians(np.nan_to_num(surface[:, known]), run, "nearest")
         scatter = np.quantile(np.abs(surface[:, known] - usual), 0.9, axis=1) / 1.645  # plies and highlights count
         std = np.sqrt(shading**2 + noise**2 + np.nan_to_num(scatter) ** 2)[:, None]
@@ -944,8 +948,8 @@ def _to_the_ends(
 
 
 def _other(middle: np.ndarray, sides: list[np.ndarray], least_chroma: float) -> np.ndarray:
-    """(S,) 1 where the hue of colours (channels, S) differs unusually from what it is elsewhere, and from that of their
-    neighbourhood, else 0."""
+    """(S,) 1 where the hue of the line's colours (channels, S) differs unusually from its usual hue and from its
+    neighbourhood's, else 0."""
     own, contrast = middle[1:], (middle - 0.5 * (sides[0] + sides[1]))[1:]
     known = np.isfinite(contrast).all(axis=0)
     if len(own) == 0 or not known.any():
@@ -984,7 +988,7 @@ class RodLine:
     width_px: float  # median
     tip_inside: bool  # whether its tip is known, or in the picture with nothing beyond it
     centre_px: np.ndarray  # (2,) middle of the picture
-    clamp_supposed: bool = False  # nothing but that it is higher tells which of both ends is clamped
+    clamp_supposed: bool = False  # the clamped end was chosen only for being the higher one
 
     @property
     def length_px(self) -> float:
@@ -1190,7 +1194,7 @@ def _grouped(paths: list[_RodPath], settings: RodSettings) -> list[list[_RodPath
 
 
 def _different(found: list[_MeasuredRod], settings: RodSettings) -> list[_MeasuredRod]:
-    """Lines that do not run along likelier ones; of two, the wider one that is a rod has the other within it."""
+    """Lines that do not run along likelier ones, nor within a much wider line that is a rod."""
     kept: list[_MeasuredRod] = []
     for line in found:
         wider = (each for each in found if each.is_whole(settings) and each.width_px > 1.7 * line.width_px)

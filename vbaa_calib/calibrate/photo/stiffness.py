@@ -198,7 +198,7 @@ class PhotoSetting:
     marks_px: np.ndarray | None = None  # two marks (2, 2) in the plane of the rod
     marks_m: float = 0.0  # their distance
     down_rad: float = 0.0  # gravity's direction, from down the picture towards its right side
-    weight_N_m: float | None = None  # None for EI per weight, or for a load beside which the weight is nothing
+    weight_N_m: float | None = None  # None for EI per weight, or where the weight is negligible next to a load
     load_N: float = 0.0
     load_m: float | None = None  # place of the load along the rod; None for its tip
     straight: bool = False  # the free rod is straight

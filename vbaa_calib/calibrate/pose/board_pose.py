@@ -95,8 +95,8 @@ class BoardPose:
 def solve_board_pose(views: Sequence[BoardView], board: BoardShape, camera: Camera) -> BoardPose:
     """Pose of the board's mean plane from pictures in which it is at rest relative to the camera.
 
-    Each corner is averaged over the pictures first: what they share (print, lens, detector bias) does not average out,
-    and only then is it part of the residual variance.
+    Each corner is averaged over the pictures first: errors that they share (print, lens, detector bias) do not average
+    out, and so they count fully in the residual variance.
 
     Raises InputError for no usable board in the pictures, a picture size that is not the camera's, or a board that
     moved; SolveError when no start led to a pose.
@@ -182,7 +182,7 @@ class SeenBoard:
     weights: np.ndarray
 
     def picked(self, which: np.ndarray) -> SeenBoard:
-        """Those of a mask (N,)."""
+        """The points of a mask (N,)."""
         return replace(self, points=self.points[which], pixels=self.pixels[which], weights=self.weights[which])
 
     def residual(self, T_camera_board: Pose) -> np.ndarray:

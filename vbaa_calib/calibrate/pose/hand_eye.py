@@ -1,8 +1,8 @@
 """Hand-eye calibration: where the camera sits on a robot's arm, or stands in its base, from poses and board views.
 
 X is the camera in what carries it (the tool, or the base), Z the board in the other: X·T_camera_board = K·Z, K the
-robot's pose of the one in the other. Robots miss their readings by more than corners are off, so the standard
-deviations of the robot's turns and shifts are part of the model:
+robot's pose of the one in the other. A robot's pose is less certain than a corner, so the standard deviations of its
+turns and shifts are part of the model:
 
 p_camera = X⁻¹·G·E·Z·p_board where the arm holds the board, X⁻¹·E·G⁻¹·Z·p_board where it holds the camera: G is the
 robot's reading, E the normal error of each view, a turn and a shift of the tool. Corners of one view share errors of
@@ -184,7 +184,7 @@ class _HandEyeRows(NamedTuple):
 
     def normal(self, std: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, np.ndarray, np.ndarray, float]:
         """The normal equations A·step = b of X, Z and lens, with the robot's errors eliminated, and the sum of squares
-        at step 0; residuals (V, 6), their covariances (V, 6, 6), and the sum of these' log determinants."""
+        at step 0; residuals (V, 6), their covariances (V, 6, 6), and the sum of their log determinants."""
         # what would be seen of a robot without errors
         left = self.residuals + np.einsum("vij,vj->vi", self.by_error, self.errors)
         V = std[2] ** 2 * np.eye(6) + (self.by_error * std[:2].repeat(3) ** 2) @ np.swapaxes(self.by_error, 1, 2)
@@ -242,9 +242,8 @@ rad, (V,) distance of its centre, m, (V,) their square, normalised, with six deg
 
 @dataclass(frozen=True, eq=False)
 class _HandEyeProblem:
-    """V views, the robot's readings of the tool in its base, the camera (None: the board's poses were measured), the
-    noise of a corner's coordinate in px (m), and whether the arm holds the camera.
-    """
+    """A hand-eye problem: V views, the robot's readings of the tool in its base, the camera (None: the board's poses
+    were measured), the noise of a corner's coordinate in px (m), and whether the arm holds the camera."""
 
     views: tuple[SeenBoard, ...]
     readings: tuple[Pose, ...]
@@ -549,11 +548,12 @@ class HandEye:
     robot_std : (2,) standard deviation per axis of the tool's turns, rad, and shifts, m, against the robot's readings.
     robot_log_std : (2,) of their logarithms.
     rms : (2,) disagreement of the good views, turns rad and the board's centre m.
-    parts : "corners", "lens", "robot" → (2,) predicted contribution of each to it, rms; the last one with poses alone.
-    board_scale : by what part the board is larger than stated where the robot's lengths are right, and its standard
-        deviation.
-    noise_px : of a corner's coordinate: as the corners of a view scatter, or more where the boards' poses do; None
-        where the input was the board's poses: their errors count as the robot's.
+    parts : "corners", "lens", "robot" → (2,) predicted contribution of each to `rms`; only "robot" where poses were
+        measured.
+    board_scale : relative excess of the board's size over the stated one, if the robot's lengths are right, and its
+        standard deviation.
+    noise_px : standard deviation of a corner's coordinate, by the scatter of a view's corners, or more where the
+        board's poses scatter more; None where the input was the board's poses, with errors that count as the robot's.
     """
 
     mount: str

@@ -117,7 +117,7 @@ def _detect_charuco(image: np.ndarray, spec: BoardSpec, name: str) -> BoardView:
 
 
 def _lacks_markers(found: Markers, board: cv2.aruco.CharucoBoard, image: np.ndarray) -> bool:
-    """Whether a marker of the board was not found that must be whole in the picture (H, W), by the others' homography
+    """Whether a marker is missing among those found that must be whole in the picture (H, W), by the others' homography
     to the board's plane."""
     outlines = dict(zip(np.ravel(board.getIds()).tolist(), np.asarray(board.getObjPoints())[..., :2], strict=True))
     own = [index for index, one in enumerate(found.ids.tolist()) if one in outlines]

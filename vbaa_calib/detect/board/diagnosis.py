@@ -68,7 +68,8 @@ def refuse_wrong_spec(paths: Sequence[Path], views: Sequence[BoardView] | None, 
     """Raises InputError where a specification does not fit the pictures, or none contains a board: what is wrong,
     and the specification that fits. Unused entries and missing rows are printed.
 
-    views : None before the search, which is slow for a chessboard: what is seen at once is refused.
+    views : None before the search for corners, which is slow for a chessboard: only mismatches that show without it are
+        refused.
     """
 
     def read(index: int) -> np.ndarray:
@@ -229,8 +230,8 @@ def _searched(pictures: Sequence[np.ndarray], spec: BoardSpec | AprilGrid, detec
 def _proposed(
     sighting: _Sighting, grid: MarkerGrid, spec: BoardSpec | AprilGrid, pictures: Sequence[np.ndarray], detect: Detect
 ) -> Diagnosis | None:
-    """The first board that fits the grid, differs from the specification and is detected in the pictures; and the
-    differences."""
+    """Diagnosis with the first board that fits the grid, differs from the specification and is detected in the
+    pictures, and with the differences; None without one."""
     for fitting in _fitting(sighting, grid, spec):
         if fitting == spec and not sighting.turned:
             continue

@@ -61,7 +61,7 @@ def find_whole_chessboard(image: np.ndarray, thorough: bool = True) -> np.ndarra
     """(rows, columns, 2) px, unrefined, of the inner corners of the largest chessboard in a picture (H, W) uint8; None
     without one.
 
-    thorough : looks twice, and longer.
+    thorough : searches twice, and longer.
     """
     small, scale = _searchable(image)
     if min(small.shape) < DetectionSettings.least_side_px:

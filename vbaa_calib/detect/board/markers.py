@@ -194,7 +194,7 @@ def marker_grids(pictures: Sequence[Markers]) -> list[MarkerGrid]:
 def _joined(
     known: dict[tuple[int, int], tuple[tuple[int, int], int]], diagonal: bool, unit: float
 ) -> Iterator[MarkerGrid]:
-    """Each group of markers that pairs connect, from pairs of ids, steps and votes."""
+    """The grid of each group of markers that pairs connect, from pairs of ids, with their steps and votes."""
     pairs = np.array(list(known))
     steps, votes = np.array([one[0] for one in known.values()]), np.array([one[1] for one in known.values()])
     ids, numbers = np.unique(pairs, return_inverse=True)

@@ -102,8 +102,8 @@ def _across(image: np.ndarray, ends: np.ndarray, gap_px: float, square_px: float
     """Quality across edges between corners (E, 2, 2) px of one direction, from profiles between the middle of the
     black square and that of the white one.
 
-    It is read from the black half, where only the edge is: there a Gaussian edge of height 2a has the squared slopes'
-    integral a² / (√π σ).
+    The blur is measured in the black half, which contains nothing but the edge: there a Gaussian edge of height 2a has
+    the squared slopes' integral a² / (√π σ).
     """
     if not len(ends):
         nan = float("nan")

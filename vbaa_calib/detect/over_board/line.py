@@ -248,8 +248,8 @@ class _FittedLines:
 def _profiles(picture: _BoardPicture, guide_px: np.ndarray, core_px: float) -> _Profiles:
     """Cut the columns (rows) out of a picture along a guide (K, 2), one column a pixel.
 
-    Off the board, where the pattern is NaN, what is behind the line is a slope of light through its flanks, which begin
-    `core_px` off the guide.
+    Off the board, where the pattern is NaN, the background behind the line is interpolated linearly between its flanks,
+    which begin `core_px` off the guide.
     """
     axis = 1 if np.ptp(guide_px[:, 0]) >= np.ptp(guide_px[:, 1]) else 0
     run = guide_px[:, 1 - axis]
@@ -307,8 +307,8 @@ def _fit(
 
     At each pixel the line adds its cover times (its brightness − what is behind).
 
-    start : (N,) px from the guide. wary : less weight where the guide crosses edges of the pattern: the picture has the
-        blur of the product of line and edge, the model the product of their blurs.
+    start : (N,) px from the guide. wary : less weight where the guide crosses edges of the pattern: the picture shows
+        the blurred product of line and edge, the model the product of both blurred.
     """
     width = paint.scale_px * cut.stretch[:, None]
     variance = cut.noise**2

@@ -21,8 +21,8 @@ from .settings import AcceptanceSettings, ProfileSettings, StretchSettings
 def accepted(line: Centreline, inside: float, root: float, changing: bool) -> Centreline:
     """The centreline, with its verdict.
 
-    inside, root : parts of its path that are in the picture, and of the path's beginning where the line is seen.
-    changing : whether it may be here brighter, there darker.
+    inside, root : share of its path that lies in the picture, and share of the path's beginning where the line is seen.
+    changing : whether it may be brighter than its background in some places and darker in others.
     """
     return line.with_verdict(*(_doubt(line, max(inside, 1e-9), root, changing) or ("ok", "")))
 
@@ -126,10 +126,10 @@ def of_antennas_shape(line: Centreline, where: Corridor, changing: bool) -> Cent
     """The centreline, rejected where no antenna can have its shape.
 
     On a calibrated rig a line must be the free antenna bent by a force: a cable bends elsewhere than at the clamp, and
-    a line that goes over to an object's edge has a kink. A line of either polarity (`changing`) is more easily
-    something else: unless much of it is seen, or its shape is likely, it must also leave the clamp as the antenna does
-    and fit better than usual; unless much of it is surely a line, not an edge, it must fit better, too. On a rig that
-    is not calibrated every line must leave the clamp as the antenna does.
+    a line that goes over to an object's edge has a kink. A line with a polarity that may change (`changing`) is more
+    often something else. Unless much of it is seen, or its shape is likely, it must also leave the clamp as the antenna
+    does and fit better than usual. It must fit better, too, unless much of it is surely a line, not an edge. On a rig
+    that is not calibrated every line must leave the clamp as the antenna does.
     """
     limits = AcceptanceSettings
     little = changing and line.seen < limits.much_seen and not line.odds >= limits.likely_odds

@@ -101,10 +101,10 @@ class Corridor:
         """Distance of points (N, 2), with standard deviations (N,), beginning at the clamp, from the nearest
         possible antenna.
 
-        The sum of the squares of offset and turn at the clamp and of the distance from the shape, over what is allowed
-        each: more than 1 is no antenna. Points beyond the tip are as far off as they are from it. The shape is the free
-        antenna's, bent to any side by a force at any place; the first one found that is `enough`, or less, is not made
-        better. 0 where the lens does not show enough of the points.
+        The sum of the squares of offset and turn at the clamp and of the distance from the shape, each over its allowed
+        value: more than 1 is no antenna. Points beyond the tip count by their distance from it. The shape is the free
+        antenna's, bent to any side by a force at any place; the search ends at the first one with a misfit of `enough`
+        or less. 0 where the lens does not show enough of the points.
         """
         assert self.shape_px is not None
         assert self.free is not None

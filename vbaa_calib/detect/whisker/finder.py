@@ -32,12 +32,13 @@ class AntennaFinder:
     Attributes
     ----------
     corridor : where the antenna may be. image_size : (width, height).
-    paths_px : (P, S, 2) those that it may take, from clamp to tip. spacing_px : how far neighbours' tips are apart.
+    paths_px : (P, S, 2) its possible paths, from clamp to tip. spacing_px : distance of neighbouring paths' tips.
     factor, pool, reach : how far the picture is reduced, its response pooled, and where the flanks are sampled.
     index, spans : (P, S) place of every sample in the flat response, and (R, 2) the columns of its rows that have any.
-    weight : (P,) what a path's sum is divided by: how many of its samples are in the picture, but not too few.
+    weight : (P,) divisor of a path's sum: the number of its samples in the picture, with a lower bound.
     usual_height : of the antenna's line over its background in this rig's pictures, grey levels; 0 where not known.
-    looks : (8, 4) its mean colour from clamp to tip and the deviation of that, grey levels; (0, 4) where not known.
+    looks : (8, 4) its mean colour from clamp to tip and the standard deviation of that, grey levels; (0, 4) where not
+        known.
     settings : of the search for shapes.
     """
 
@@ -137,7 +138,7 @@ class AntennaFinder:
         return replace(self, corridor=where)._along_shape(image, image if picture is None else picture, guide_px, odds)
 
     def rough(self, picture: np.ndarray) -> np.ndarray:
-        """(R, K, 2) paths that differ along which a picture (H, W[, 3]) is brighter or darker than on both sides."""
+        """(R, K, 2) distinct paths along which a picture (H, W[, 3]) is brighter or darker than on both sides."""
         score = self._scores(picture, None)
         return self.paths_px[self._clearest(score - score.min(), self.settings.shapes, self.settings.share)]
 
@@ -168,8 +169,9 @@ class AntennaFinder:
         return kept
 
     def _scores(self, picture: np.ndarray, bright: bool | None, blurred_px: float = 0.0) -> np.ndarray:
-        """(P,) how far the paths are brighter or darker (None: either) than both of their sides, in the channel of a
-        picture (H, W[, C]), blurred by about `blurred_px`, that shows it most at each place."""
+        """(P,) scores of the paths: how much brighter or darker (None: either) they are than both of their sides, at
+        each place in the channel of a picture (H, W[, C]) that has most contrast there. blurred_px : the picture's
+        blur, roughly."""
         reach = self.reach + int(np.ceil(0.6 * blurred_px / self.factor))
         tables = (self.index, self.spans, self.weight, self.factor, self.pool, reach)
         found: np.ndarray = core.search.path_scores(

@@ -32,7 +32,7 @@ class Paint:
     Attributes
     ----------
     bright : on that plane the antenna is brighter than its surroundings; None: here brighter, there darker.
-    both_edges : light from one side pulls the line that is seen there, which is measured by both of its edges.
+    both_edges : whether the line is measured by both of its edges, since light from one side displaces its middle.
     """
 
     bright: bool | None = True
@@ -91,12 +91,13 @@ def without_other_things(
 ) -> Centreline:
     """The centreline in a picture (H, W[, 3]) without stretches that do not look like an antenna of this width.
 
-    Where the antenna is hidden a line that goes on along an object's edge has not its colour. Where it is hidden in
-    part, a line of one polarity is the middle of what is left: what the colour leaves open is added to the deviations,
-    alike for all points concerned. The light may be stronger or weaker in all than it was.
+    A line that goes on along an object's edge where the antenna is hidden differs in colour. Where the antenna is
+    hidden in part, a line of one polarity is the middle of the visible part: the error that the colour allows is added
+    to the standard deviations, as one that all points concerned share. The light as a whole may have become stronger or
+    weaker.
 
-    Both edges show in a shadow as well. What throws it may hide the antenna in part: it must be of the line's own hue
-    there, or come out of the shadow again; the last of it is left out.
+    Both edges are visible in a shadow, too, but the thing that casts it may hide the antenna in part: there the line
+    must have the antenna's own hue, or leave the shadow again; its last stretch in the shadow is left out.
     """
     if looks is None or not line.found:
         return line

@@ -120,7 +120,7 @@ def measure_ribbon(picture: np.ndarray, path_px: np.ndarray, width_px: float) ->
 def measure_between(picture: np.ndarray, line: Centreline, width_px: float) -> Centreline:
     """The centreline between both edges of a line that one polarity showed, in a picture (H, W[, 3]).
 
-    Twice: light from one side has pulled that line, and a ribbon's course keeps near its path.
+    Measured twice: light from one side has displaced that line, and a ribbon's course stays near its path.
     """
     first = measure_ribbon(picture, line.guide_px, width_px)
     return measure_ribbon(picture, first.guide_px, width_px) if first.found else first
@@ -131,8 +131,7 @@ def _quiet_part(freedom: int) -> float:
     """The quantile of the root mean square of `freedom` normal numbers that the core takes for a picture's noise, by
     Newton's method.
 
-    The probability is the series of the incomplete gamma function: what has SciPy's takes longer to load than a contact
-    to find.
+    The probability is the series of the incomplete gamma function: SciPy's takes longer to load than a contact to find.
     """
     half = at = 0.5 * freedom
     for _ in range(8):  # to the last digit for profiles of any length
@@ -160,9 +159,10 @@ def locking_std(points_px: np.ndarray) -> np.ndarray:
 
 
 def _evened(image: np.ndarray, points_px: np.ndarray, reach_px: int) -> tuple[np.ndarray, float]:
-    """A picture (H, W) without what the pixels of each row near a line's points (N, 2) px share, apart from a parabola
-    across the rows; and the standard deviation of what is left of that, infinite where too little shows it. Pixels up
-    to `reach_px` from the line do not, nor those behind its first point."""
+    """A picture (H, W) without the noise of whole rows: the offset that the pixels of a row near a line's points (N, 2)
+    px share, apart from a parabola across the rows, is subtracted. And the standard deviation of the remaining offsets,
+    infinite where too few pixels show them. Pixels up to `reach_px` from the line and those behind its first point do
+    not count."""
     first = max(int(points_px[:, 1].min()) - 2 * reach_px, 0)
     rows = np.arange(first, min(int(points_px[:, 1].max()) + 2 * reach_px + 2, len(image)))
     columns, along = np.arange(image.shape[1]), np.argsort(points_px[:, 0])
@@ -186,9 +186,10 @@ def _evened(image: np.ndarray, points_px: np.ndarray, reach_px: int) -> tuple[np
 def _row_errors(
     image: np.ndarray, points_px: np.ndarray, sigma_px: np.ndarray, noise: float, reach_px: int
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """(N,) deviations that noise of whole rows and columns of a picture adds to those of a line's points (N, 2) px in
-    its order, where these count as independent; sigma_px : (N,) of each by a pixel's own `noise`, grey levels. And the
-    picture without most of that noise, where it is grey and that pays: the deviations are those that it has then.
+    """Standard deviations (N,) that noise of whole rows and columns of a picture adds to those of a line's points (N,
+    2) px in its order, for points that count as independent; and the picture without most of that noise, to which they
+    then apply, where it is grey and that lowers them, else None. sigma_px : (N,) of each by a pixel's own `noise`, grey
+    levels.
 
     All points on a row share its error, so that a line along rows keeps it, and one across them has none. reach_px :
     how far from the line pixels are its own.

@@ -1,6 +1,6 @@
 """One step of antennas that are pressed against an object with Coulomb friction, for many strokes at a time.
 
-Beside the state before the step, a contact's clamp moment M(0), arc length s, normal force N, grip g (the friction
+With the state before the step known, a contact's clamp moment M(0), arc length s, normal force N, grip g (the friction
 force) and place p satisfy
 
     M(L) = 0                              the rod is in equilibrium under N n + g at s

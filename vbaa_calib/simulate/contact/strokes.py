@@ -147,7 +147,7 @@ def _gaps(
 def _gaps_between(
     setting: Setting, place: _Place, arclength_m: np.ndarray, ends_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """What `_gaps` gives, at the nearest of a few places between arc lengths (2, B)."""
+    """`_gaps` evaluated at the nearest of a few places between arc lengths (2, B)."""
     (bases, points_m), (low, high) = place, ends_m
     fine = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, STROKE.fine)
     close = bases.world(_interpolated(points_m, arclength_m, fine))

@@ -161,7 +161,7 @@ def expose(place: Studio, canvas: np.ndarray, patches: Sequence[ImagePatch] = ()
 
 
 def blurred(brightness: np.ndarray, sigma_px: float) -> np.ndarray:
-    """A blurred copy."""
+    """A copy of a picture's brightness blurred by a Gaussian of standard deviation `sigma_px`."""
     return cv2.GaussianBlur(brightness, (0, 0), sigma_px) if sigma_px > 0 else brightness.copy()
 
 
