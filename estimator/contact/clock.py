@@ -32,8 +32,8 @@ class _ClockSettings:
     most_pictures: int = 3000  # of a recording, its first ones
     apart_s: float = 10.0  # recorders with clocks of their own are started by hand within this
     most_std_s: float = 0.02  # an offset that is known less well is not given
-    window_s: float = 1.0  # in which the moment follows the bend by one factor that changes evenly,
-    window_frames: int = 12  # with so many pictures at least
+    window_s: float = 1.0  # in which the moment follows the bend by one factor that changes evenly
+    window_frames: int = 12  # pictures in such a window, least
     free_bend: float = 0.05  # of the usual bend: less is none
     steps_s: tuple[float, ...] = (5e-3, 6e-4, 1e-4)  # of the search and of its refinements
     reweightings: int = 4  # of the robust fit
@@ -41,8 +41,8 @@ class _ClockSettings:
     largest_gap: float = 5.0  # between readings, in their usual intervals
     most_unexplained: float = 0.05  # of what other offsets leave: another motion leaves 0.08 or more
     least_signal_std: float = 5.0  # by which the moment leaves its mean, and the bend explains it
-    alternatives: int = 3  # other offsets that are refined,
-    alternative_ratio: float = 6.0  # where they leave less than so many times as much unexplained
+    alternatives: int = 3  # other offsets that are refined, most
+    alternative_ratio: float = 6.0  # ratio of what an offset leaves unexplained to the least, up to which it is refined
     other_ratio: float = 2.0  # one that leaves less than this ratio may be the right one
     bend_noise: float = 1e-3  # of another camera's bends, in their standard deviation: pictures show them better
 

@@ -31,8 +31,8 @@ class DriftSettings:
     zero_renewed_s: float = 0.5  # until when the sensor's zero is, where it walks
     history_frames: int = 4000  # free frames that are remembered
     frames_at_once: int = 16  # that are used together, at most
-    searched_first: int = 1024  # frames without a free one,
-    then_every: int = 4  # after which every so many-th is tested: an antenna stays free for longer
+    searched_first: int = 1024  # frames without a free one, after which fewer are tested
+    then_every: int = 4  # one frame in so many that is tested then: an antenna stays free for longer
     linearisations: int = 2  # of the rig about its changes
     reweightings: int = 3  # of the frames
     wide_line: float = 10.0  # factor on line_px of the prior under which the line errors are measured

@@ -363,8 +363,8 @@ class OutlierSettings:
     jump_ratio: float = 5.0  # to the frame's usual difference of such medians: a wrong shape differs everywhere
     returns: float = 0.5  # part of a stretch's distance by which the line may lie elsewhere behind it than before
     scatter_frames: int = 32  # lines, spread over a recording, that determine its scatter to a few per cent
-    few_frames: int = 6  # of them, that decide whether the usual standard deviation may be too small,
-    frames_a_line: int = 100  # one for so many frames: more would take as long as the contacts
+    few_frames: int = 6  # lines, most, that decide first whether the usual standard deviation may be too small
+    frames_a_line: int = 100  # frames for each line that is looked at: more lines would take as long as the contacts
     fewest_lines: int = 5  # of which it can be told what they share
     scatter_points: int = 32  # a line with fewer is left out: smoothing takes too much of it
     intervals: int = 8  # of the smooth curve, a cubic spline: a touched antenna's third derivative jumps

@@ -46,8 +46,8 @@ class _TwoContactsSettings:
     rounds: int = 3  # linearisations of the rig's errors, at most
     converged: float = 1e-2  # such a round that lowers the cost by less is the last
     gain: float = 25.0  # decrease of the cost by the second contact, at least: as `ContactSettings.second_contact`
-    clear: float = 4.0  # beyond so many times this gain one contact is not fitted further,
-    promises: float = 10.0  # by so many times what its next step would gain
+    clear: float = 4.0  # multiple of this gain in cost above which one contact is not fitted further
+    promises: float = 10.0  # times the next step's gain, with which that cost must remain out of reach
     force_std: float = 6.0  # each force is so many of its standard deviations, at least
     distance: float = 0.05  # standard deviation of a place in antenna lengths, at most: as `ContactSettings.low_signal`
     alternative: float = 4.5  # another pair of places counts as equally good when its cost is so little higher

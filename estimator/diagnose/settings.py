@@ -62,8 +62,8 @@ class RecordingSettings:
     scatter: int = 10  # of them, by which the points' scatter is measured
     fewest: int = 8  # frames that tell anything from noise
     fewest_points: int = 5  # of a frame that is a witness
-    at_limit: int = 5  # moments that are exactly the largest or smallest of all from which on they are at a limit,
-    at_limit_share: float = 0.04  # and this part of all
+    at_limit: int = 5  # moments exactly at the largest or smallest of all, from which on they are at a limit
+    at_limit_share: float = 0.04  # share of such moments among all, least
     distinct: float = 0.8  # part of the other moments that differ from each other, where they have digits enough
     beyond_std: float = 4.0  # standard deviations by which pictures ask for more than a moment at the end of its range
     repeated: int = 2  # rows with the picture of the row before from which on the camera had stopped
@@ -71,8 +71,8 @@ class RecordingSettings:
     apart_s: float = 8.0  # time between frames that is more likely in another unit
     other_shape: float = 2.0  # ratio of the points' distance from fitted shapes to their scatter, likewise
     shared: float = 0.2  # part of the scatter's excess that all lines share from which it is the antenna's shape
-    spike_share: float = 3.0  # distance of a moment from the mean of its neighbours, over theirs from each other,
-    spike_std: float = 10.0  # and in addition in its noise, from which it is a spike
+    spike_share: float = 3.0  # distance of a spike from the mean of its neighbours, over theirs from each other, least
+    spike_std: float = 10.0  # the same in its noise, least
     spikes: int = 2  # of them from which they are the sensor's, not the contact's
     unexplained: float = 0.2  # part of the frames that nothing explains from which that is reported
     contradicting: float = 0.5  # the same from which those that are left are not believed, either
@@ -81,10 +81,10 @@ class RecordingSettings:
     compared: int = 64  # rows with pictures that are compared at once
     places: int = 8  # along the antenna, by which its pictures are compared
     fewest_places: int = 3  # of them that both show
-    jumps: float = 0.7  # distance of a picture from the mean of its neighbours, over theirs from each other,
-    jump_sigma: float = 3.0  # and over the standard deviation of its points, from which on it may belong elsewhere
-    fits: float = 0.35  # part of that distance within which it fits there,
-    fits_both: float = 0.5  # and where the other's picture leaps, too
+    jumps: float = 0.7  # distance of a picture from the mean of its neighbours, over theirs from each other, of a jump
+    jump_sigma: float = 3.0  # the same over the standard deviation of its points
+    fits: float = 0.35  # part of that distance within which a picture fits elsewhere
+    fits_both: float = 0.5  # the same for both of two exchanged pictures
     most_jumps: int = 32  # of a recording, whose place is sought among all rows
     series: float = 0.2  # part of the rows with pictures that leap, up to which they are a series in time
     seldom: float = 0.1  # part of the rows beyond which such jumps are the antenna's own

@@ -61,7 +61,7 @@ def _candidates(xp1: Array, xp2: Array, ratio: Array, torque: Array) -> tuple[Ar
 
 
 def _shape(v: Array, ratio: Array) -> tuple[Array, Array]:
-    """Part and λ = l/x2 at v, short of two straight points."""
+    """Part and λ = l/x2 at v = x2/(r·x_p1 − x_p2), r = y2/y1, short of two straight points."""
     xp = namespace(v)
     spread = (1.0 + v) / (ratio * v)
     known = spread**2 * ratio
@@ -71,8 +71,8 @@ def _shape(v: Array, ratio: Array) -> tuple[Array, Array]:
 
 
 def _pull(v: Array, ratio: Array) -> tuple[Array, Array]:
-    """Function g(v) of the equation (place − v)·g(v) = load that `_candidates` solves, and d ln g/dv. The deflection
-    is homogeneous: ∂ln y/∂ln x = 3 − ∂ln y/∂ln l."""
+    """Function g(v) of the equation (place − v)·g(v) = load that `_candidates` solves for v (see `_shape`), and d ln
+    g/dv. The deflection is homogeneous: ∂ln y/∂ln x = 3 − ∂ln y/∂ln l."""
     xp = namespace(v)
     _, reach = _shape(v, ratio)
     one = xp.ones_like(v)

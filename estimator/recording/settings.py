@@ -18,16 +18,16 @@ class RefineSettings:
     last_change: float = 0.1  # of a weight with which they end
     doubted: float = 1e-2  # p-value of a frame that counts less
     foreign: float = 1e-6  # p-value of a frame, or its stroke, that does not belong to the rest
-    excluded: float = 1e-9  # p-value of a frame that is not even begun with,
-    most_excluded: float = 0.4  # unless more than this share of all are
+    excluded: float = 1e-9  # p-value of a frame that is left out from the beginning
+    most_excluded: float = 0.4  # share of such frames beyond which none is left out
     trend_information: float = 1e-2  # prior of a change within the recording: ten times what a calibration leaves
     finer_errors: int = 2  # Legendre terms of what all lines share beyond those of a frame: cubic and quartic
     chunk: int = 512  # frames that are linearised together
     object_round_m: float = 1e-5  # how far pin and antenna are from round and straight
 
     # strokes, and what is refused
-    gap_frames: int = 5  # without contact, that end a stroke,
-    gap_s: float = 0.5  # or so much time
+    gap_frames: int = 5  # frames without contact that end a stroke
+    gap_s: float = 0.5  # time without contact that ends a stroke
     another_rig: float = 1e-4  # p-value of common errors as large as the best fit's, of another calibration
     allowed_excess: float = 1.3  # ratio of the rig's errors to its deviations up to which its prior stays
     largest_excess: float = 5.0  # the same, up to which a known object may recalibrate it
@@ -41,9 +41,9 @@ class RefineSettings:
     # Coulomb's law
     least_friction_rad: float = 0.01  # uncertainty of a friction angle: friction differs from place to place
     lateral_known_rad: float = 0.15  # uncertainty of a force's direction, up to which it bounds the angle along it
-    slip_along: float = 0.9  # share of a slip along the antenna from which friction is on the cone's rim,
-    slip_turn: float = 0.2  # if its direction is known to this, rad,
-    rim: float = 0.2  # within this part of it: a slip is an average over some frames
-    law_contradicted: float = 3.5  # deviations by which a frame contradicts the law,
-    law_share: float = 0.1  # and share of such frames by which the recording does
+    slip_along: float = 0.9  # share of a slip along the antenna from which friction is on the cone's rim
+    slip_turn: float = 0.2  # standard deviation of that slip's direction up to which it counts, rad
+    rim: float = 0.2  # share of the half angle within which friction is then on the rim: slips are averages
+    law_contradicted: float = 3.5  # standard deviations by which a frame contradicts the law
+    law_share: float = 0.1  # share of such frames from which the recording contradicts the law
     informative: float = 0.5  # part of the prior's variance that a frame must remove to be asked

@@ -299,7 +299,7 @@ def _recording(
 def _rolled(scene: SceneSpec, shape: RodShape, index: int, readout: float) -> np.ndarray:
     """(N, 3) a moving antenna as a rolling shutter sees it: each point at the time when its picture row is read.
 
-    The middle row is read at the frame's time. The last frame of a stroke is an instant.
+    The middle row is read at the frame's time. In the last frame of a stroke all rows are read at that time.
     """
     s, now = shape.arclength_m[index], shape.points_m[index]
     if readout == 0.0 or index + 1 == len(shape.points_m):

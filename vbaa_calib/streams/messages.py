@@ -40,8 +40,8 @@ class _MessageSettings:
     longest_wait_s: float = 60.0  # that a datagram may have waited
     most_notes: int = 16  # on datagrams that cannot be read
     # bags, and their agreement with the rig
-    piece_bytes: int = 50_000_000  # that one chunk may unpack to, and
-    piece_factor: int = 10  # in addition, times its packed size: copied four times, this stays within a child's memory
+    piece_bytes: int = 50_000_000  # that one chunk may unpack to, whatever its packed size
+    piece_factor: int = 10  # further allowed multiple of the packed size: copied four times, it fits a child's memory
     focal_share: float = 0.01  # relative difference of the focal length from which a camera is not the rig's
     straight_px: float = 3.0  # bend of a straight line, somewhere in the picture, below which it is rectified
     patience: int = 30  # unreadable pictures or joints, and no readable one before, that end the reading

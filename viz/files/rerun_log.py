@@ -59,7 +59,8 @@ class RerunLog:
     """
 
     def __init__(self, target: str, force: bool = False) -> None:
-        """Raises InputError as `refuse_log` does, without the extra, and for a viewer that cannot be reached."""
+        """Raises InputError as `refuse_log` does, where the extra `live` is not installed, and for a viewer that cannot
+        be reached."""
         refuse_log(target, force)
         self._rerun = require_extra("rerun", "live")
         self._stream = self._rerun.RecordingStream("vbaa")

@@ -46,8 +46,8 @@ class FrictionSettings:
     fewest_scattered: int = 8  # fewer sliding angles do not determine their scatter
     fewest_sliding: int = 5  # touches that have to slide
     known_share: float = 0.25  # directions known for fewer of the touches are known by accident
-    determined_std: float = 0.03  # μ counts as determined below this standard deviation,
-    determined_share: float = 0.1  # or below this share of μ
+    determined_std: float = 0.03  # standard deviation of μ below which it counts as determined
+    determined_share: float = 0.1  # the same as a share of μ
     contradicted: float = (
         4.0  # ratio of scatter to expected scatter from which sliding touches do not follow Coulomb's law
     )
@@ -457,8 +457,8 @@ def friction(
 
 
 def _fitted(rubs: _FrictionTouches) -> tuple[_FrictionTouches, _Coefficient | None]:
-    """The touches as used in the fit, and their coefficient, None where none is usable. A contact that slides to and
-    fro faster than the slip is averaged lies inside the cone: it then no longer counts as sliding."""
+    """The touches as used in the fit, and their coefficient, None where none is usable. Touches that slide to and fro
+    within the time over which slips are averaged lie inside the cone: they no longer count as sliding."""
     for left in range(FrictionSettings.relabelled, -1, -1):
         evidence = _FrictionAngles.of(rubs)
         if not len(evidence.touch):

@@ -43,8 +43,8 @@ class _TouchSettings:
     longest_step: float = 0.25  # in antenna lengths
     difference_step: float = 1e-4  # of its slopes
     converged: float = 1e-4  # misfit at which it ends
-    swept_share: float = 0.12  # a step along the surface, of its patch's extent,
-    farthest_step_rad: float = 0.06  # but no longer than this
+    swept_share: float = 0.12  # step along the surface over its patch's extent
+    farthest_step_rad: float = 0.06  # longest step along the surface
     nearest: float = 0.1  # in antenna lengths: nearer it is stiff
     farthest: float = 0.97  # farther its end slips off
     place_m: float = 0.01  # what a radian counts as, next to metres of a curve's foot

@@ -47,8 +47,8 @@ class TrackSettings:
     chance: float = 1e-3  # probability that noise alone shows a line as strong, at most
     frames_before: int = 45  # a change whose evidence is used
     frames_after: int = 12  # a change whose evidence is used
-    most_forces: int = 6  # after a change that are used,
-    force_s: float = 0.5  # none later than this
+    most_forces: int = 6  # after a change that are used, most
+    force_s: float = 0.5  # after a change up to which forces are used
     trusted_evidence: float = 60.0  # up to which it grows with the square of the deflection
     hidden_share: float = 0.6  # of the common error behind which a deflection may hide
     stepped_p: float = 0.02  # probability that forces did not grow evenly from zero: a base that moves in steps
@@ -59,8 +59,8 @@ class TrackSettings:
     least_noise: float = 1e-6  # of a point's own variance in every direction: the filter divides by it
     # how unevenly an approach grows from its start to the last frame used: standard deviation
     uneven_share: float = 0.15
-    slip_std: float = 4.5  # standard deviations by which a slip must stand out,
-    static_slip_std: float = 2.5  # and by which, for it to go on
+    slip_std: float = 4.5  # standard deviations by which a slip must stand out to begin
+    static_slip_std: float = 2.5  # standard deviations by which a slip must stand out to go on
     # of the joints' motion below which nothing slips: curved paths and rolling leave as much
     no_slip_share: float = 0.05
     stuck_share: float = 0.15  # of the joints' motion that a sticking contact surely stays below

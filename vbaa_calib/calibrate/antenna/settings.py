@@ -16,8 +16,8 @@ class AntennaSettings:
     log_stiffness_std: float = 0.5  # of the logarithm of EI, which is all but free
     log_mass_std: float = 0.03  # of that of the mass per length: weighed on a kitchen scale; sag is weight over EI
     nominal_std: float = 0.05  # of the logarithm of EI about E·πd⁴/64 of the stated material and diameter
-    other_material: float = 4.0  # deviations of EI or weight from which that is another material's or diameter's,
-    any_material: tuple[float, float] = (1.5, 1.0)  # and the logarithms of EI and weight are so uncertain instead
+    other_material: float = 4.0  # standard deviations of EI or weight from which it is another material's or diameter's
+    any_material: tuple[float, float] = (1.5, 1.0)  # prior std of the logarithms of EI and weight for such a material
     tried_stiffnesses: int = 13  # within three deviations, of which the descent starts from the best
     gain_std: float = 0.5  # of the moment sensor's gain, which is all but free
     offset_std_Nm: float = 0.02  # of its offset
@@ -51,8 +51,8 @@ class AntennaSettings:
     run: int = 10  # points: longer than the picture's noise is correlated, shorter than the shape
     scatter_runs: tuple[int, ...] = (10, 40)  # points, whose means show what neighbours share: blocks of JPEG
     disturbed_degree: int = 3  # of the polynomial that residuals of the antenna follow, whatever is wrong with the rig
-    disturbed_clear: float = 5.0  # deviations of a run's mean off that, where a stretch is found,
-    disturbed_around: float = 2.0  # and up to where it reaches
+    disturbed_clear: float = 5.0  # std of a run's mean off that polynomial from which a stretch is disturbed
+    disturbed_around: float = 2.0  # std down to which the neighbours belong to that stretch
     disturbed_most: float = 0.4  # share of a line; where more is off, nothing local is
 
     # finding the antenna in a session's pictures
@@ -65,8 +65,8 @@ class AntennaSettings:
     clamp_strays: tuple[float, float] = (3.0, 10.0)  # deviations of its prior that the clamp may be off; all around
     shared_errors: float = 4.0  # effective over own deviation from which points share most of their errors
     learnt_from: int = 3  # pictures from which the antenna's contrast is learnt
-    well_seen: float = 0.9  # share of the antenna that one polarity must show,
-    clearly_more: float = 0.1  # or else a changing polarity is taken that shows so much more
+    well_seen: float = 0.9  # share of the antenna that one polarity must show, to be taken
+    clearly_more: float = 0.1  # further share that a changing polarity must show, to be taken in its place
     ends: float = 4.0  # widths from either end in which clamp and background are in a broad antenna's profiles
     two_edges_px: float = 2.5  # width from which on the blur of an ordinary lens leaves an antenna two edges
     off_middle: float = 0.018  # of the width that a line lies off the middle between its edges, to be measured by these
@@ -86,5 +86,5 @@ class AntennaSettings:
     # bench test: clamp and model
     clamp_share_std: float = 0.02  # of its turn over the slope at the load: a solid block gives half a thickness, 1/50
     steep_rad: float = 0.15  # slope at the load from which the small-angle formula is not used
-    bias_share: float = 0.1  # error of that formula over EI's deviation, from which it is not used,
-    least_bias: float = 1e-5  # but a share of EI that no bench test resolves
+    bias_share: float = 0.1  # error of that formula over EI's standard deviation from which it is not used
+    least_bias: float = 1e-5  # the same over EI, least: no bench test resolves less

@@ -36,11 +36,11 @@ class GuideSettings:
     furthest: float = 1.7  # and farther, too
     fills: tuple[float, ...] = (0.9, 0.6, 0.4)  # of the picture's shorter relative side that the board takes up
     places: tuple[float, ...] = (0.1, 0.3, 0.5, 0.7, 0.9)  # of its middle, over the picture's width and height
-    tilt_rad: float = np.radians(38.0)  # of the board, in
-    tilts: int = 8  # directions
-    least_share: float = 0.35  # of the board's corners that a picture must show,
-    whole_share: float = 0.95  # but nearly all of them
-    whole_pictures: int = 3  # in so many first pictures
+    tilt_rad: float = np.radians(38.0)  # of a tilted board
+    tilts: int = 8  # directions in which a board is tilted
+    least_share: float = 0.35  # of the board's corners that a picture must show
+    whole_share: float = 0.95  # the same in the first pictures
+    whole_pictures: int = 3  # how many first pictures
     least_corners: int = 8  # that a picture must show
     least_module_px: float = 3.0  # of a marker that is read
     edge_px: float = 3.0  # distance of a corner's squares from the picture's border
@@ -73,8 +73,8 @@ class GuideSettings:
     ahead: int = 6  # further loads in the forecast
 
     # what is tried for the distance's shared error
-    weighty_places: tuple[float, ...] = (0.6, 0.95)  # of the length, at which weights bend the antenna by
-    weighty_slopes: tuple[float, ...] = (0.4, 0.95)  # so much of `steepest_rad`
+    weighty_places: tuple[float, ...] = (0.6, 0.95)  # of the length, at which further weights would hang
+    weighty_slopes: tuple[float, ...] = (0.4, 0.95)  # of `steepest_rad`, to which further weights would bend it
     free_tilts_rad: tuple[float, ...] = (-1.0, -0.5, 0.0, 0.5, 1.0)  # of the joints, with the antenna free
     points: int = 300  # of a line that is forecast, most
     free_pictures: int = 3  # at a tilt

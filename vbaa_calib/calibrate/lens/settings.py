@@ -38,8 +38,8 @@ class LensSettings:
     )  # λ of x/(1 + λr²), corner at r = 1
     start_views: int = 10  # by which starts are compared
     start_corners: int = 40  # of each of them
-    same_start: float = 1.05  # ratio of two starts' noise up to which they are one,
-    same_start_px: float = 0.02  # and so much besides
+    same_start: float = 1.05  # ratio of two starts' noise up to which they count as one
+    same_start_px: float = 0.02  # further difference of two starts' noise up to which they count as one
     wrong_pose: float = 3.0  # median error of a view over that of all, from which it is posed anew
     least_ray_z: float = 0.1  # z of a ray's unit vector from which its corner helps to pose a view
     homography_samples: int = 64  # of four corners, that a homography is sought among
@@ -49,8 +49,8 @@ class LensSettings:
     # folding
     unfolding_slopes: tuple[float, ...] = (0.1, 0.2, 0.35)  # least slopes of the radial curve, tried in turn
     unfolding_weight: float = 1e4  # of the penalty on a smaller slope, over the corners' variance
-    unfolding_may_cost: float = 0.01  # of the squared residuals,
-    unfolding_chance: float = 20.0  # or what so many parameters explain by chance
+    unfolding_may_cost: float = 0.01  # of the squared residuals, that the penalty may add
+    unfolding_chance: float = 20.0  # number of parameters; what they explain by chance is allowed to the penalty, too
     radii: int = 160  # at which a radial curve is sampled
     widest_rad: float = 1.5  # angle off the axis up to which one lens is fitted to another
     nearly_real: float = 0.02  # imaginary over absolute value of a squared pole that counts as real
@@ -61,9 +61,9 @@ class LensSettings:
     stretch_std: float = 5e-4  # prior deviation of the ratio of a print's axes
     shear_std: float = 3e-4  # rad, prior deviation of its angle
     shape_tail: float = 3.0  # degrees of freedom of the prior, a Student's t distribution
-    shape_clear: float = 4.0  # deviations from which a shape is reported,
-    shape_per_extent: float = 3e-4  # bow or twist over the board's extent, besides,
-    shape_share: float = 1e-3  # or stretch, or shear in rad
+    shape_clear: float = 4.0  # standard deviations from which a shape is reported
+    shape_per_extent: float = 3e-4  # bow or twist over the board's extent from which it is reported
+    shape_share: float = 1e-3  # stretch, or shear in rad, from which it is reported
 
     # outlying corners and noisy views
     outlier_chance: float = 1e-6  # of a good corner to lie beyond the limit

@@ -14,8 +14,8 @@ class PoseSettings:
     same_start_rad: float = 0.02  # turn between two closed-form poses, below which they are one start
     same_pose_rad: float = 1e-3  # turn between two refined poses, below which they are one
     moved_px: float = 2.0  # median distance of a picture's corners from their medians, above which the board moved
-    gross_corner: float = 20.0  # distance of an outlying corner in σ,
-    gross_corner_px: float = 0.5  # and at least this
+    gross_corner: float = 20.0  # distance of an outlying corner in σ, least
+    gross_corner_px: float = 0.5  # distance of an outlying corner, least
     ambiguous: float = 1.2  # ratio of the errors of a plane's second pose and its first, below which it may be either
     corner_bias_px: float = 0.02  # common offset of corners, by edges, from centrelines: 0.015 px in rendered pictures
     contradiction: float = 1e-4  # p-value below which two estimates of one pose contradict each other
@@ -25,8 +25,8 @@ class PoseSettings:
     reweightings: int = 15  # of the corners, most
     weights_change: float = 1e-2  # largest change of a weight with which they end
     rounding_px: float = 1e-7  # least noise of a corner
-    outlier: float = 6.4  # distance of an outlying corner in σ: one good corner in 1e9 lies further off,
-    outlier_px: float = 0.25  # and at least this
+    outlier: float = 6.4  # distance of an outlying corner in σ, least: one good corner in 1e9 lies further off
+    outlier_px: float = 0.25  # distance of an outlying corner, least
     outlier_rounds: int = 6  # of leaving out corners, most
     ratio_powers: tuple[float, float] = (-2.0, 12.0)  # of ten, between which the variance of the angles is sought
     ratio_rounds: int = 6  # of estimating that variance, most
@@ -35,8 +35,8 @@ class PoseSettings:
     # which pictures of a sweep agree
     fewest_pictures: int = 5  # four do not determine the readings' scatter: at 0.3 mrad 14 of 120 were off by 6 σ
     least_turn_rad: float = 0.01  # range of a joint's readings, below which it did not move
-    gross_picture: float = 5.0  # median error of an outlying picture over the median of all,
-    gross_picture_px: float = 0.5  # and at least this
+    gross_picture: float = 5.0  # median error of an outlying picture over the median of all, least
+    gross_picture_px: float = 0.5  # median error of an outlying picture, least
     gross_angle: float = 5.0  # error of a picture's own angles in their scatter, up to which it is taken back
     picture_rounds: int = 6  # of leaving out pictures, and of taking them back, most
     few_pictures: int = 8  # of so few one wrong row bends the fit, and each in turn is left out
@@ -48,8 +48,8 @@ class PoseSettings:
     explained: float = 0.6  # share of the pictures that must agree
 
     # the joints' axes, and what is refused
-    axis_skew_std_rad: float = 5e-3  # prior of the skew about the stated one, as a careful workshop keeps it,
-    axis_offset_std_m: float = 5e-4  # and of the offset: fixed, errors of 0.3 mrad and 0.02 mm shift the camera by 7 σ
+    axis_skew_std_rad: float = 5e-3  # prior of the axes' skew about the stated one: a careful workshop's
+    axis_offset_std_m: float = 5e-4  # the same of the offset: if fixed, 0.3 mrad and 0.02 mm shift the camera by 7 σ
     axes_contradicted: float = 0.05  # p-value below which the pictures contradict that prior, and it is left out
     loose_rad: float = 0.02  # standard deviation of the camera's turn that is refused
     loose_share: float = 0.05  # standard deviation of its place, over the board's distance, that is refused
@@ -64,14 +64,14 @@ class HandEyeSettings:
 
     # corners of a view
     fewest_corners: int = 6  # of a view that is used
-    outlier: float = 6.4  # distance of an outlying corner in σ: one good corner in 1e9 lies further off,
-    outlier_px: float = 0.25  # and at least this
+    outlier: float = 6.4  # distance of an outlying corner in σ, least: one good corner in 1e9 lies further off
+    outlier_px: float = 0.25  # distance of an outlying corner, least
     second_pose: float = 3.0  # error of a plane's second pose over the first's, up to which it may be the right one
     same_pose_rad: float = 1e-2  # turn between two poses below which they are one
     soft: float = 1.5  # distance in σ from which a corner counts less, soft L1
     rounding_px: float = 1e-6  # least noise of a corner
-    point_share: float = 0.1  # size of the board that stands for a measured pose, over its distance,
-    least_size_m: float = 1e-3  # and at least this
+    point_share: float = 0.1  # size of the artificial board for a measured pose, over its distance
+    least_size_m: float = 1e-3  # size of that artificial board, least
 
     # start: consensus of most views
     absolute_rounds: int = 20  # of reweighting for the least sum of distances
@@ -85,9 +85,9 @@ class HandEyeSettings:
     concentrations: int = 3  # rounds in which a start is fitted anew to its best views
     well_explained: float = 0.002  # misfit over the board's distance, below which the poses are of these views
     explained: float = 0.05  # misfit over the board's distance, above which they are not
-    far_better: float = 4.0  # ratio of misfits from which the rows are read in another way,
-    better_of_few: float = 12.0  # and of few views,
-    few: int = 5  # fewer than this
+    far_better: float = 4.0  # ratio of misfits from which the rows are read in another way
+    better_of_few: float = 12.0  # the same with few views
+    few: int = 5  # number of views below which they are few
 
     # which views agree
     fewest_views: int = 3

@@ -53,8 +53,8 @@ class DetectionSettings:
     part_reach: float = 3.0  # squares around the part that are
     part_squares: float = 6.0  # of those, seen in both pictures, least
     part_alike: float = 0.85  # least correlation of them
-    part_lead: float = 2.5  # by how much more any other part must lack of 1
-    part_lead_least: float = 0.05  # and this besides
+    part_lead: float = 2.5  # ratio of another part's missing correlation to the best one's, from which the best counts
+    part_lead_least: float = 0.05  # excess of that missing correlation, in addition
     part_corners: int = 12  # of a part, least
     part_into: float = 0.3  # of a square, how far from a corner black and white are told
     references: int = 2  # pictures of a whole chessboard by which a part of it is placed, most
@@ -63,8 +63,8 @@ class DetectionSettings:
 
     # circles; from a circle's edge (0) to its neighbour's (1) where it says "of the way"
     circle_rounds: int = 3  # of measuring their areas
-    area_reach: float = 0.4  # of the way, up to which the area is summed,
-    ring_reach: float = 0.7  # and the ring of background reaches from there
+    area_reach: float = 0.4  # of the way to the neighbouring circles, up to which a circle's area is summed
+    ring_reach: float = 0.7  # of the way to the neighbouring circles, up to which the ring of background reaches
     core: float = 0.6  # of the radius, within which a circle's own level is measured
     core_pixels: int = 12  # of it, and of the ring, least
     edge_blurs: float = 4.0  # half width of an edge in standard deviations of its blur
@@ -91,8 +91,8 @@ class DetectionSettings:
     # quality of a view
     most_edges: int = 40  # between corners, of each direction, that are measured
     edge_step_px: float = 0.5  # between samples across an edge
-    into_black: float = 0.35  # of a square, that a profile begins within black,
-    most_steps: int = 40  # and so many samples at most
+    into_black: float = 0.35  # of a square: depth within black at which a profile begins
+    most_steps: int = 40  # samples of a profile, most
     whitest: float = 253.5  # grey level above which white is saturated
     blackest: float = 0.5  # grey level below which black is
     moved: float = 1.4  # ratio of the larger blur to the smaller from which it is reported as motion

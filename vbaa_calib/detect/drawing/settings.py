@@ -10,8 +10,8 @@ class DrawingSettings:
     """Sizes in canvas pixels for a line of unit thickness; colours blue, green, red, 0–255."""
 
     # the canvas and its legend
-    widest_px: float = 1920.0  # width that a picture is reduced to,
-    narrowest_px: float = 960.0  # or enlarged to
+    widest_px: float = 1920.0  # width to which a wider picture is reduced
+    narrowest_px: float = 960.0  # width to which a narrower picture is enlarged
     text_size: float = 0.5  # of the legend
     line_height_px: int = 22
     margin_px: int = 14

@@ -37,8 +37,8 @@ class _OverBoardSettings:
     least_flank: int = 3  # pixels on either side of the line in a profile
     least_grain: float = 0.01  # noise of the print, in units of the print
     black: float = 0.08  # what black print reflects, in units of the print: a shadow hardly dims it
-    edge_doubt_px: float = 0.5  # error of a pattern edge's place where the line crosses it,
-    edge_reach: float = 1.5  # over so many widths of the line
+    edge_doubt_px: float = 0.5  # error of a pattern edge's place where the line crosses it
+    edge_reach: float = 1.5  # of that error to either side, in widths of the line
     shadow_width: float = 2.5  # how much wider than usual the profiles are cut to look for a shadow
     stretches: int = 6  # along the line in which the brightness is compared
     least_white: int = 4  # white pixels of a column in a stretch
@@ -47,8 +47,8 @@ class _OverBoardSettings:
     stands_out: float = 5.0  # ridge response of a candidate pixel over its noise
     most_candidates: int = 20000  # pixels
     angles: int = 360  # of the Hough transform
-    bin_m: float = 1e-3  # width of its bins on the board,
-    least_bin_px: float = 2.0  # and at least this in the picture
+    bin_m: float = 1e-3  # width of its bins on the board
+    least_bin_px: float = 2.0  # width of its bins in the picture, least
     bands: tuple[float, ...] = (
         6.0,
         3.0,
@@ -61,8 +61,8 @@ class _OverBoardSettings:
     faintest: float = 0.12  # cover: less is a shadow, a scratch or a misfit of the print
     worst_centre_px: float = 0.5  # standard deviation of a profile's centre that still counts
     disturbed: float = 2.0  # ratio to the usual residual beyond which a profile shows something else, too
-    growth: float = 0.25  # part of its length by which the path is extended,
-    growths: int = 8  # so often, while more of the line is found
+    growth: float = 0.25  # part of its length by which the path is extended in a round
+    growths: int = 8  # rounds of extending the path, most
     endward: float = 0.03  # part of the length near an end in which profiles say where it is
     fewest_points: int = 30  # of the line
     reweightings: int = 4  # of the robust fit of a path

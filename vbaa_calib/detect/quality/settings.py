@@ -12,10 +12,10 @@ class QualitySettings:
     # which views are calibrated from
     least_corners: int = 6  # of a view
     most_blur_per_gap: float = 0.5  # over the gap to the markers: corners are right at 0.4, at 0.55 off by 0.7 px
-    clipped: float = 0.5  # share of clipped white pixels that is too much, if
-    grown: float = 0.85  # the level at the squares' edges is higher: corners err 1.5 times as much as usual
-    noisier: float = 4.0  # deviation of the corners over the median view's, from which a view is dropped,
-    noisy_px: float = 0.1  # if it is more than this
+    clipped: float = 0.5  # share of clipped white pixels that is too much where the edges' level is above `grown`
+    grown: float = 0.85  # level at the squares' edges above which clipping counts: corners err 1.5 times the usual
+    noisier: float = 4.0  # standard deviation of the corners over the median view's, from which a view is dropped
+    noisy_px: float = 0.1  # least standard deviation of the corners of a view that is dropped for noise
     blurred: float = 1.5  # blur over the median view's that explains it
     pale_share: float = 0.5  # contrast over the median view's that explains it
 
@@ -30,8 +30,8 @@ class QualitySettings:
 
     # faults that are named
     near_limit: float = 0.7  # of the most blur
-    motion: float = 1.6  # ratio of the blurs from which a picture moved,
-    motion_px: float = 1.3  # and the larger one least
+    motion: float = 1.6  # ratio of the larger blur to the smaller one from which a picture moved
+    motion_px: float = 1.3  # larger blur, least, of a picture that moved
     smear_per_std: float = 3.0  # length of a uniform movement over the blur's deviation
     dark: float = 80.0  # grey level of white
     bright: float = 170.0  # grey level of veiled black, less the least contrast
@@ -44,8 +44,8 @@ class QualitySettings:
     # blur of a whole picture's edges
     unsharp_px: float = 1.6  # from which it is out of focus
     motion_edges: float = 3.0  # ratio of the edges' blurs from which it moved
-    again_px: float = 2.0  # deviation of the second smoothing,
-    smoothed_px: float = 0.7  # and of the first
+    again_px: float = 2.0  # standard deviation of the second smoothing
+    smoothed_px: float = 0.7  # standard deviation of the first smoothing
     least_slope: float = 1.0  # grey levels per px of an edge
     edge_pixels: int = 200  # least
     crest: float = 0.6  # of the steepest slopes, that are measured

@@ -93,8 +93,8 @@ class AcceptanceSettings:
     least_seen_changing: float = 0.5  # the same
     least_root: float = 0.35  # fraction of the guide's first third: the antenna starts at the clamp
     faint: float = 0.4  # height over the usual one: a fainter line is another thing's
-    broad: float = 1.8  # its width over the expected one, from which it may be out of focus, or a soft edge,
-    least_seen_broad: float = 0.85  # and this fraction of what of the guide is in the picture must be seen
+    broad: float = 1.8  # width over the expected one from which a line may be out of focus, or a soft edge
+    least_seen_broad: float = 0.85  # fraction of the guide in the picture that must be seen of a line as broad as that
     # another line
     other_line: float = 0.7  # how likely it is, over the first one, from which the picture is ambiguous
     moved: float = (
@@ -117,11 +117,11 @@ class StretchSettings:
     """Why stretches of the antenna are not seen: words for whoever takes pictures; no measurement depends on them."""
 
     run: int = 9  # neighbouring profiles that are averaged, so that a faint line shows
-    shortest: float = 0.02  # share of the length: shorter stretches are merged with their neighbours,
-    shortest_px: float = 8.0  # or shorter than so many pixels
+    shortest: float = 0.02  # share of the length below which a stretch is merged with its neighbours
+    shortest_px: float = 8.0  # length below which a stretch is merged with its neighbours
     clear: float = 4.5  # height of a visible line over its standard deviation
-    alike: float = 0.2  # share of the usual height within which it is as bright as its background,
-    nearly: float = 0.35  # or nearly so
+    alike: float = 0.2  # share of the usual height within which the antenna is as bright as its background
+    nearly: float = 0.35  # the same within which it is nearly as bright
     disturbed: float = 1.8  # residual over noise that shows something else
     broader_px: tuple[float, float] = (2.0, 4.0)  # blurs that are tried
     much_broader: float = 0.8  # share of the residuals that they may leave
@@ -131,8 +131,8 @@ class StretchSettings:
 class LookSettings:
     """The antenna's colours as learnt from pictures, and what of a line has others."""
 
-    least_spread: float = 0.08  # standard deviation of a colour over its brightness: the light changes as it bends,
-    least_spread_levels: float = 3.0  # and in grey levels, added in square
+    least_spread: float = 0.08  # standard deviation of a colour over its brightness: light changes as it bends
+    least_spread_levels: float = 3.0  # the same in grey levels, added in quadrature
     partly_foreign: float = 1.0  # standard deviations from which a point may show something else in part
     hidden_part: float = 0.15  # widths that a line of one polarity lies off there
     shaded_unsure: float = 0.3  # widths to which a line in a shadow must be known: or it may be the edge of that
@@ -143,14 +143,14 @@ class LookSettings:
 class BackgroundSettings:
     """Registration of the empty scene to a picture."""
 
-    fine_px: float = 1.2  # blur that takes the noise off,
-    coarse_px: int = 21  # and size of the mean that takes the light off: what is left is compared
-    most_pixels: int = 8_000  # that are compared,
-    detailed: float = 0.9  # of those with a slope above this quantile
+    fine_px: float = 1.2  # standard deviation of the blur that removes noise before pictures are compared
+    coarse_px: int = 21  # side of the mean that removes the light's variation before pictures are compared
+    most_pixels: int = 8_000  # that are compared, most
+    detailed: float = 0.9  # quantile of the slopes above which pixels are compared
     most_shift_px: float = 6.0  # of the background
     gain: tuple[float, float] = (0.4, 2.5)  # least and most of its brightness
-    least_correlation: float = 0.65  # of its detail with a picture's,
-    between_two: float = 0.5  # and of two noisy pictures'
-    least_pictures: int = 5  # to learn from,
-    least_uncovered: int = 3  # and of those that show a pixel
+    least_correlation: float = 0.65  # of the background's detail with a picture's
+    between_two: float = 0.5  # of the detail of two noisy pictures, least correlation
+    least_pictures: int = 5  # from which a background is learnt
+    least_uncovered: int = 3  # of these pictures that must show a pixel
     still: float = 1.0  # detail over scatter from which a background is used

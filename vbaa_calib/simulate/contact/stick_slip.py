@@ -99,7 +99,7 @@ class Held(Rows):
     moment_Nm : (B, 3) M(0), antenna frame. arclength_m, press_N : (B,).
     grip_N : (B, 3) friction force on the antenna. place_m : (B, 3) p. normal : (B, 3) there.
     point_m, tangent : (B, 3) of the centreline at the contact. All of these in the world frame.
-    slipped_m : (B, 3) way along the object in the step, world frame.
+    slipped_m : (B, 3) slip along the object in the step, world frame.
     """
 
     moment_Nm: np.ndarray
