@@ -83,11 +83,8 @@ class RecordingSettings:
     fewest_places: int = 3  # of them that both show
     jumps: float = 0.7  # distance of a picture from the mean of its neighbours, over theirs from each other, of a jump
     jump_sigma: float = 3.0  # the same over the standard deviation of its points
-    fits: float = 0.35  # part of that distance within which a picture fits elsewhere
-    fits_both: float = 0.5  # the same for both of two exchanged pictures
     most_jumps: int = 32  # of a recording, whose place is sought among all rows
     series: float = 0.2  # part of the rows with pictures that leap, up to which they are a series in time
-    seldom: float = 0.1  # part of the rows beyond which such jumps are the antenna's own
 
     # when a recording is judged while it runs, and what of its witnesses may be missing
     judged: int = 64  # frames after which a recording is judged for the first time; then at twice as many each time

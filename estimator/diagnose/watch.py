@@ -16,8 +16,8 @@ from estimator.contact.settings import ContactSettings
 from estimator.table.contacts import Contact, ContactTable, Measured
 from estimator.table.overview import Overview
 from vbaa_calib.core.arrays import spread_evenly
-from vbaa_calib.core.errors import Diagnosis, Verdict
-from vbaa_calib.diagnose.decision import explained, joined
+from vbaa_calib.core.errors import Diagnosis, Severity, Verdict
+from vbaa_calib.diagnose.decision import DecisionSettings, explained, joined
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Drift, Frame, numbers_of
 
@@ -269,7 +269,8 @@ class RecordingWatch:
     def verdict(self) -> RecordingVerdict:
         """The verdict from all rows so far."""
         exchanged = self._exchanged()
-        elsewhere = [*self._repeated, *exchanged]  # rows with pictures that are not theirs
+        sure = [row for odds, *pair in exchanged if odds > DecisionSettings.least_log_odds for row in pair]
+        elsewhere = [*self._repeated, *sure]  # rows with pictures that are not theirs
         found, rows, first, log_odds = self._of_series(exchanged), list(elsewhere), None, 0.0
         if self._first and len(recorded := self.recorded()) >= RecordingSettings.fewest:
             own = ~np.isin(recorded.order, elsewhere)
@@ -317,7 +318,7 @@ class RecordingWatch:
         off = (expected - value) * (1.0 if largest else -1.0) / np.hypot(std, self.rig.moment_sensor.std_Nm)
         return bool((off[np.isfinite(std)] > RecordingSettings.beyond_std).any())
 
-    def _of_series(self, exchanged: Sequence[int]) -> list[Diagnosis]:
+    def _of_series(self, exchanged: Sequence[tuple[float, int, int]]) -> list[Diagnosis]:
         """Diagnoses from the series of readings, times and pictures alone; `exchanged` as from `_exchanged`."""
         found = []
         if len(self._repeated) >= RecordingSettings.repeated:
@@ -334,9 +335,11 @@ class RecordingWatch:
             remedy = "look with vbaa look whether size, part and place of the pictures are those of the calibration"
             found.append(Diagnosis("antenna_unseen", words, remedy))
         if exchanged:
-            words = f"the pictures of rows {exchanged[0]} and {exchanged[1]} fit better in each other's row"
+            odds, one, other = exchanged[0]
+            words = f"the pictures of rows {one} and {other} fit better in each other's row"
             remedy = "look at their time stamps and names, and exchange them"
-            found.append(Diagnosis("pictures_exchanged", words, remedy, "wrong"))
+            severity: Severity = "wrong" if odds > DecisionSettings.least_log_odds else "doubt"
+            found.append(Diagnosis("pictures_exchanged", words, remedy, severity))
         if self._period_s > RecordingSettings.apart_s:
             words = f"the frames are {self._period_s:.4g} s apart: their times may be in milliseconds or nanoseconds"
             found.append(Diagnosis("time_unit", words, "give time_s in seconds"))
@@ -352,17 +355,14 @@ class RecordingWatch:
         """Whether the frames are a series in time: the pictures of others leap at most rows."""
         return self.series and self._leaps <= RecordingSettings.series * self.count
 
-    def _exchanged(self) -> list[int]:
-        """Pairs of rows with exchanged pictures."""
+    def _exchanged(self) -> list[tuple[float, int, int]]:
+        """Pairs of rows with pictures that may be exchanged, after their log odds, the likeliest first."""
         self._compare()
-        # next to a picture that is another row's the others seem to leap, too
-        alone = np.count_nonzero(np.diff(self._jumps, prepend=-2) > 1)
-        if not alone or not self._in_time or alone > max(RecordingSettings.seldom * self.count, 2):
+        if not self._jumps or not self._in_time:
             return []
         sigma_px = [float(np.median(each.sigma_px)) for _, each, _ in (*self._first, *self._spread)]
         jumps = self._jumps[: RecordingSettings.most_jumps]
-        pairs = _exchanged(np.concatenate(self._lateral), jumps, float(np.median(sigma_px or [np.nan])))
-        return [row for pair in pairs for row in pair]
+        return _exchanged(np.concatenate(self._lateral), jumps, float(np.median(sigma_px or [np.nan])))
 
     def _of_rows(self) -> list[Diagnosis]:
         """Rows with readings that contradict their pictures."""
@@ -523,42 +523,44 @@ def _leaps(
     return (size > settings.jumps * apart) & off_line, smooth, spikes & ~off_line & np.isfinite(size)
 
 
-def _exchanged(lateral_px: np.ndarray, jumps: Sequence[int], sigma_px: float) -> list[tuple[int, int]]:
-    """Pairs of rows, one of them a jump, with pictures without which both places are smoother; each row once, in its
-    best pair. lateral_px : (N, K) of all rows. sigma_px : standard deviation of the points."""
+def _exchanged(lateral_px: np.ndarray, jumps: Sequence[int], sigma_px: float) -> list[tuple[float, int, int]]:
+    """Pairs of rows, one of them a jump, with pictures that may be exchanged, each row once: log odds and rows, the
+    likeliest first. lateral_px : (N, K) of all rows. sigma_px : standard deviation of the points."""
     pairs, settings = [], RecordingSettings
     around = np.full_like(lateral_px, np.nan)
     around[1:-1] = 0.5 * (lateral_px[:-2] + lateral_px[2:])
     size = _unlike(lateral_px, around)
+    scale = float(np.fmax(np.nanmedian(size[1:-1]), sigma_px)) if np.isfinite(size).any() else np.nan
+    beforehand = settings.unlikely + math.log(len(lateral_px) * max(len(jumps), 1))
     for row in jumps:
-        # each picture between the other's neighbours; of two that follow each other the jump itself is one
-        left = np.maximum(_unlike(lateral_px[row], around), _unlike(lateral_px, around[row])) / size[row]
-        left[np.abs(np.arange(len(size)) - row) == 1] = 0.0
-        left[~(size > settings.jump_sigma * sigma_px)] = np.nan
+        # each picture between the other's neighbours
+        left = np.maximum(_unlike(lateral_px[row], around), _unlike(lateral_px, around[row]))
         left[row] = np.nan
         for other in np.argsort(left)[: settings.most_jumps].tolist():
-            before, after = (_rough(lateral_px, row, other, swapped) for swapped in (False, True))
-            bound = settings.fits_both if other in jumps else settings.fits
-            if left[other] < bound and after < settings.fits * before:
-                pairs.append((after - before, min(row, other), max(row, other)))
-    found: list[tuple[int, int]] = []
-    for _, one, other in sorted(pairs):
+            gained = _smoother(lateral_px, row, other, scale)
+            if gained - beforehand > DecisionSettings.least_doubt:
+                pairs.append((gained - beforehand, min(row, other), max(row, other)))
+    found: list[tuple[float, int, int]] = []
+    for odds, one, other in sorted(set(pairs), reverse=True):
         # the neighbours of two exchanged rows seem to be exchanged, too
-        if not any(abs(row - each) < 2 for pair in found for each in pair for row in (one, other)):
-            found.append((one, other))
+        if not any(abs(row - each) < 2 for _, *pair in found for each in pair for row in (one, other)):
+            found.append((odds, one, other))
     return found
 
 
-def _rough(lateral_px: np.ndarray, one: int, other: int, swapped: bool) -> float:
-    """Sum of the squared distances of two rows and their neighbours from the mean of the rows on either side; with the
-    two exchanged if `swapped`."""
-    rows = np.unique([one - 1, one, one + 1, other - 1, other, other + 1])
-    rows = rows[(rows > 0) & (rows < len(lateral_px) - 1)]
-    places = np.stack([rows - 1, rows, rows + 1])
-    if swapped:
-        places = np.where(places == one, other, np.where(places == other, one, places))
-    before, here, after = lateral_px[places]
-    return float(np.nansum(_unlike(here, 0.5 * (before + after)) ** 2))
+def _smoother(lateral_px: np.ndarray, one: int, other: int, scale_px: float) -> float:
+    """Log likelihood gained by exchanging two pictures, twice that of the row, with its neighbours, that gains less.
+
+    Where a contact begins or ends, many a picture fits better than the row's own. Distances from the mean of the rows
+    on either side have a Cauchy distribution of that scale.
+    """
+    rows = np.array([[row - 1, row, row + 1] for row in (one, other)])
+    places = np.stack([rows - 1, rows, rows + 1]).clip(0, len(lateral_px) - 1)
+    swapped = np.where(places == one, other, np.where(places == other, one, places))
+    before, here, after = lateral_px[np.stack([places, swapped], axis=1)]
+    cost = np.log1p((_unlike(here, 0.5 * (before + after)) / scale_px) ** 2)
+    cost[:, (rows == 0) | (rows == len(lateral_px) - 1)] = 0.0
+    return 2.0 * float(np.nansum(cost[0] - cost[1], axis=1).min())
 
 
 def _unlike(one_px: np.ndarray, other_px: np.ndarray) -> np.ndarray:

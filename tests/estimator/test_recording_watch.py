@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -92,6 +93,19 @@ def test_moments_a_row_late_are_named_though_every_frame_fits(direction_rad: flo
             read = several[max(row - late, 0)].moment_Nm, 0.0, one.tilt_rad
             watch.push(Measured(one.points_px, np.full(300, 0.1), *read, time_s=0.1 * row))
         assert watch.verdict().verdict.findings[0].name == named
+
+
+@pytest.mark.parametrize(("kind", "seed"), [(1, 28), (0, 88)])
+def test_pictures_are_exchanged_where_both_places_gain(kind: int, seed: int) -> None:
+    """Not where strokes follow each other without a free frame, and pictures leap by themselves."""
+    recording, order = clean_recording(KINDS[kind], seed, free=False), np.arange(60)
+    assert watched(recording).verdict().verdict.severity != "wrong"
+    order[[25, 40]] = 40, 25
+    names = ("points_px", "sigma_px", "tip_px")
+    pictures = [{name: getattr(recording.frames[row], name) for name in names} for row in order.tolist()]
+    frames = [replace(one, **own) for one, own in zip(recording.frames, pictures, strict=True)]
+    found = watched(replace(recording, frames=frames)).verdict()
+    assert (found.verdict.findings[0].name, found.rows) == ("pictures_exchanged", {25, 40})
 
 
 @pytest.mark.parametrize(("assumed_rad", "doubted"), [(0.2, True), (0.5, False)])
