@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from vbaa_calib.core.robust import chi_square, chi_square_p, huber_losses, huber_weights, mad_std, radial_std
+from vbaa_calib.core.robust import chi_limit, chi_square, chi_square_p, huber_losses, huber_weights, mad_std, radial_std
 
 from .lazy import Lazy
 
@@ -33,6 +33,8 @@ def test_chi_square_is_scipys_whatever_the_units():
     errors = np.array([1.0, -2.0])
     square = errors @ np.linalg.solve(covariance, errors)
     assert chi_square(units @ errors, units @ covariance @ units) == pytest.approx(square, rel=1e-12)
-    for freedom in (1, 2, 3, 8, 17, 300):
-        for number in (0.0, 1e-9, square, 30.0, 400.0, np.inf):
-            assert chi_square_p(number, freedom) == pytest.approx(chi2.sf(number, freedom), rel=1e-11, abs=1e-300)
+    for freedom in (1, 1.3, 2, 3, 8, 17, 300, 3e4):
+        for number in (0.0, 1e-9, square, 30.0, 400.0, 3e4, np.inf):
+            assert chi_square_p(number, freedom) == pytest.approx(chi2.sf(number, freedom), rel=1e-10, abs=1e-300)
+        for chance in (1e-100, 0.025, 0.5, 1.0 - 1e-6):
+            assert chi_limit(chance, freedom) ** 2 == pytest.approx(chi2.isf(chance, freedom), rel=1e-10)

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.solver.numbers import FitNumbers
 from vbaa_calib.antenna.rungs import RUNGS
-from vbaa_calib.core.robust import chi_square_p
+from vbaa_calib.core.robust import chi_limit
 from vbaa_calib.native import core
 
 from .settings import ContactSettings
@@ -166,7 +166,7 @@ def _remarks(numbers: FitNumbers) -> list[str]:
     if numbers.scatter[0] > 1.0:
         remarks.append(f"the points scatter {numbers.scatter[0]:.1f} times more than they should")
     rig = float(numbers.rig_chi_square[0])
-    if chi_square_p(rig, max(int(numbers.rig_axes[0]), 1)) < ContactSettings.rig_p_value:
+    if np.sqrt(rig) > chi_limit(ContactSettings.rig_p_value, max(int(numbers.rig_axes[0]), 1)):
         remarks.append(f"the rig's parameters had to move by {np.sqrt(rig):.0f} std to fit: check the rig")
     if abs(numbers.tip_std[0]) > ContactSettings.disagreement:
         remarks.append(f"the antenna's visible end lies {abs(numbers.tip_std[0]):.0f} std off, and is not used")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 
@@ -72,14 +73,50 @@ def chi_square(errors: np.ndarray, covariance: np.ndarray) -> float:
     return float(errors / std @ np.linalg.solve(covariance / np.outer(std, std), errors / std))
 
 
-def chi_square_p(square: float, freedom: int) -> float:
+def chi_square_p(square: float, freedom: float) -> float:
     """p-value of χ²: the probability that a χ² variable with `freedom` degrees of freedom is larger than `square`.
 
-    By its finite sum: SciPy's functions take longer to load than a contact to find.
+    By the incomplete gamma function's series or, beyond its middle, its continued fraction: SciPy's functions take
+    longer to load than a contact to find.
     """
-    half, rest = 0.5 * square, freedom % 2
+    half, order = 0.5 * square, 0.5 * freedom
     if not 0.0 < half < math.inf:
         return math.nan if math.isnan(half) else float(half <= 0.0)
-    powers = (n + 0.5 * rest for n in range(freedom // 2))
-    terms = (math.exp(n * math.log(half) - half - math.lgamma(n + 1.0)) for n in powers)
-    return sum(terms, math.erfc(math.sqrt(half)) if rest else 0.0)
+    density = math.exp(order * math.log(half) - half - math.lgamma(order))
+    if half < order + 1.0:
+        total = term = 1.0 / order
+        while term > 1e-17 * total:
+            order += 1.0
+            term *= half / order
+            total += term
+        return 1.0 - density * total
+    below = half + 1.0 - order
+    upper, lower, total = 1e300, 1.0 / below, 1.0 / below
+    for n in range(1, 10_000):
+        below += 2.0
+        lower = 1.0 / (below - n * (n - order) * lower)
+        upper = below - n * (n - order) / upper
+        total *= upper * lower
+        if abs(upper * lower - 1.0) < 4e-16:
+            break
+    return density * total
+
+
+@cache
+def chi_limit(chance: float, freedom: float) -> float:
+    """The distance in standard deviations beyond which a vector of `freedom` >= 1 normal numbers lies with the
+    probability `chance`.
+
+    Newton's steps on the logarithm of that probability, which is concave; none so long that it would become zero.
+    """
+    found = math.sqrt(freedom)
+    for _ in range(100):
+        p = chi_square_p(found**2, freedom)
+        log_density = (
+            (freedom - 1.0) * math.log(found) - 0.5 * found**2 + (1.0 - 0.5 * freedom) * math.log(2.0)
+        ) - math.lgamma(0.5 * freedom)
+        step = min(math.log(p / chance) * p / math.exp(log_density), 2.0)
+        found += step
+        if abs(step) < 1e-14 * found:
+            break
+    return found

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from targets.board import corner_points
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, noise_scale
@@ -338,7 +337,7 @@ class JigEvidence:
         if not line.loaded or not turn_rad.any():
             return line
         rotation = self.estimate(self.reported).T_antenna_camera.rotation
-        back = rotation.T @ Rotation.from_rotvec(turn_rad).as_matrix() @ rotation
+        back = rotation.T @ Pose.from_rotvec(turn_rad, np.zeros(3)).rotation @ rotation
 
         def moved(pixels: np.ndarray) -> np.ndarray:
             return self.camera.project(self.camera.unproject(pixels)[0] @ back.T)[0]
@@ -432,7 +431,7 @@ def _slips(data: JigEvidence) -> Iterator[_JigMistake]:
         yield case("axes_exchanged", words, Pose(turn, shift[order]))
     middle = corner_points(data.session.board).mean(axis=0) * [1.0, 1.0, 0.0]
     for name, about_axis in zip("xyz", np.eye(3), strict=True):
-        rotation = Rotation.from_rotvec(np.pi * about_axis).as_matrix()
+        rotation = Pose.from_rotvec(np.pi * about_axis, np.zeros(3)).rotation
         about = Pose(rotation, middle - rotation @ middle)
         words = f"the board in the jig is turned by 180° about its {name} axis: {{}} fits"
         yield case("turned", words.format(_quaternion(turn @ rotation)), Pose(turn @ rotation, shift))
@@ -440,13 +439,13 @@ def _slips(data: JigEvidence) -> Iterator[_JigMistake]:
         words = f"the jig is turned by 180° about the antenna's {name} axis"
         yield case("turned", words, Pose(rotation, np.zeros(3)) @ typed)
     for degrees in (90.0, -90.0):
-        quarter = Rotation.from_rotvec([0.0, 0.0, np.radians(degrees)]).as_matrix()
+        quarter = Pose.from_rotvec(np.array([0.0, 0.0, np.radians(degrees)]), np.zeros(3)).rotation
         words = f"the board in the jig is turned by {degrees:+.0f}° about its z axis: {_quaternion(turn @ quarter)}"
         yield case("turned", words, Pose(turn @ quarter, shift), -1.0)
-    x, y, z, w = Rotation.from_matrix(turn).as_quat()
+    x, y, z, w = typed.to_dict()["rotation_xyzw"]
     for own in ((y, z, w, x), (-y, -z, -w, x)):
-        words = f"{key}.rotation_xyzw is in the order w, x, y, z: ({_numbers(np.array(own))}) fits"
-        yield case("rotation_order", words, Pose(Rotation.from_quat(own).as_matrix(), shift), -1.0)
+        words = f"{key}.rotation_xyzw is in the order w, x, y, z: ({_numbers(own)}) fits"
+        yield case("rotation_order", words, Pose.from_quaternion(np.array(own), shift), -1.0)
     words = f"{key} is the inverse: the pose of the antenna on the board, not of the board on the antenna"
     yield case("inverse", words, typed.inverse())
     words = f"{key}.rotation_xyzw turns the other way round: {_quaternion(turn.T)} fits"
@@ -494,12 +493,12 @@ def _changes(data: JigEvidence) -> Iterator[_JigMistake]:
     yield _JigMistake("antenna_length", words, "measure it again", pose, _JigSettings.log_prior_change, length_m=length)
 
 
-def _numbers(values: np.ndarray) -> str:
+def _numbers(values: Iterable[float]) -> str:
     return ", ".join(f"{value:.4g}" for value in values)
 
 
 def _quaternion(rotation: np.ndarray) -> str:
-    return f"rotation_xyzw ({_numbers(Rotation.from_matrix(rotation).as_quat())})"
+    return f"rotation_xyzw ({_numbers(Pose(rotation, np.zeros(3)).to_dict()['rotation_xyzw'])})"
 
 
 def jig_diagnoses(data: JigEvidence) -> list[Diagnosis]:

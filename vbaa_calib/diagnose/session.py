@@ -8,7 +8,6 @@ from functools import partial
 from itertools import combinations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from targets.board import AprilGrid
 from vbaa_calib.antenna.materials import MATERIALS
@@ -449,7 +448,7 @@ def _gravity(witness: Witness) -> Iterator[_Mistake]:
         return
 
     def tilted(problem: Problem, v: np.ndarray) -> Problem:
-        turn = Rotation.from_rotvec([v[0], v[1], 0.0]).as_matrix()
+        turn = Pose.from_rotvec(np.array([v[0], v[1], 0.0]), np.zeros(3)).rotation
 
         carried = kinematics.world_antenna(*np.array([(one.pan_rad, one.tilt_rad) for one in frames]).T)[0]
         before = np.array([one.gravity_m_s2 for one in problem.observations])
@@ -459,7 +458,7 @@ def _gravity(witness: Witness) -> Iterator[_Mistake]:
     def tilt(fit: RigFit) -> Diagnosis:
         x, y = np.rad2deg(fit.values)
         size, std = float(np.hypot(x, y)), float(np.rad2deg(fit.std.max()))
-        pull = Rotation.from_rotvec([*fit.values, 0.0]).apply(world)
+        pull = Pose.from_rotvec(np.array([*fit.values, 0.0]), np.zeros(3)) @ world
         numbers = ", ".join(f"{value:.3f}" for value in pull)
         return Diagnosis(
             "gravity_tilted",

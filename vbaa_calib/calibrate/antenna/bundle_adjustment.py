@@ -16,9 +16,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial import legendre
-from scipy.linalg import block_diag
-from scipy.ndimage import binary_propagation, maximum_filter1d, uniform_filter1d
 
 from vbaa_calib.antenna.shape import PARAMETERS
 from vbaa_calib.camera import Camera
@@ -133,6 +132,13 @@ def _scattered(final: Linearised, scatter: float) -> Linearised:
     return replace(final, residuals=trust * final.residuals, jacobian=trust[:, None] * final.jacobian)
 
 
+def _windows(values: np.ndarray) -> np.ndarray:
+    """(N, run) neighbours of each of the values (N,), mirrored at the ends."""
+    before = AntennaSettings.run // 2
+    padded = np.pad(values, (before, AntennaSettings.run - 1 - before), "symmetric")
+    return sliding_window_view(padded, AntennaSettings.run)
+
+
 def _undisturbed(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Masks (N,) of the points of each line that lie outside disturbed stretches, from their residuals (N,)."""
     means = list[np.ndarray]()
@@ -143,15 +149,15 @@ def _undisturbed(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
             left = off - basis @ np.linalg.lstsq(basis * weights[:, None], off * weights, rcond=None)[0]
             # on residuals, not on their squares: a stretch that is far off hardly pulls
             weights = huber_weights(left)
-        means.append(uniform_filter1d(left, AntennaSettings.run) * np.sqrt(AntennaSettings.run))
+        means.append(_windows(left).sum(axis=1) / np.sqrt(AntennaSettings.run))
     usual = max(float(np.median([mad_std(one) for one in means])), 1.0)
     good = []
     for one in means:
         sizes = np.abs(one) / usual
-        found = binary_propagation(
-            sizes > AntennaSettings.disturbed_clear, mask=sizes > AntennaSettings.disturbed_around
-        )
-        found = maximum_filter1d(found.astype(np.uint8), AntennaSettings.run) > 0
+        around = sizes > AntennaSettings.disturbed_around
+        stretch = np.cumsum(np.diff(around, prepend=False))
+        found = around & np.isin(stretch, stretch[sizes > AntennaSettings.disturbed_clear])
+        found = _windows(found).any(axis=1)
         local = (
             len(found) >= 4 * AntennaSettings.run
             and found.mean() <= AntennaSettings.disturbed_most
@@ -242,8 +248,7 @@ class BundleAdjustment:
     def forecast(self, rows: np.ndarray) -> np.ndarray:
         """Predicted `covariance` (17 + P, 17 + P) after N further observations. rows : (N, size) their Jacobian by
         all parameters, in units of the observations' standard deviations."""
-        axes = block_diag(np.eye(RIG), self.problem.prior.lens_axes)
-        root = axes @ _root(self.problem, self._condensed.with_rows(rows))[: self.problem.lens.stop]
+        root = _own_units(self.problem, _root(self.problem, self._condensed.with_rows(rows)))[0]
         return np.asarray(root @ root.T)
 
     @cached_property
@@ -437,9 +442,8 @@ def _in_units(problem: Problem, parameters: np.ndarray, root: np.ndarray) -> dic
 def _own_units(problem: Problem, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Two square roots of covariances in SI units, from one (size, …) of the parameters': rows of `RIG_PARAMETERS`
     and lens, and rows of a wrench sensor's parameters."""
-    axes = block_diag(np.eye(RIG), problem.prior.lens_axes)
-    own = (problem.prior.sensor_std * root[problem.sensor].T).T
-    return axes @ root[: problem.lens.stop], own
+    scaled = np.concatenate([root[:RIG], problem.prior.lens_axes @ root[RIG : problem.lens.stop]])
+    return scaled, (problem.prior.sensor_std * root[problem.sensor].T).T
 
 
 def _with_tips(problem: Problem, solution: Linearised) -> tuple[Problem, float]:

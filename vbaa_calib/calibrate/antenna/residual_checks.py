@@ -3,14 +3,14 @@ sensor's noise and drift."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtri
 
 from vbaa_calib.antenna.shape import PARAMETERS
-from vbaa_calib.core.robust import finite_or_none, mad_std
+from vbaa_calib.core.robust import chi_limit, finite_or_none, mad_std
 
 from .bundle_adjustment import BundleAdjustment
 
@@ -102,5 +102,5 @@ def moment_noise(joint: BundleAdjustment) -> tuple[float, tuple[float, float]]:
     taken = float(np.trace((rows / scale) @ np.linalg.solve(information, (rows / scale).T)))
     freedom = max(float(good.sum()) - taken, 1.0)
     squares = float((residuals[good] ** 2).sum())
-    low, high = (float(np.sqrt(squares / chdtri(freedom, chance))) for chance in (0.025, 0.975))
+    low, high = (math.sqrt(squares) / chi_limit(chance, freedom) for chance in (0.025, 0.975))
     return float(np.sqrt(squares / freedom)), (low, high)

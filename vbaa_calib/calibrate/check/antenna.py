@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
-from scipy.ndimage import median_filter
+from numpy.lib.stride_tricks import sliding_window_view
 
 from vbaa_calib.antenna.shape import CONTACT, bend
 from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, Prior, reading_keys
@@ -81,9 +81,9 @@ def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadRe
     for index, (observation, (misfits, slopes), by_load) in enumerate(rows):
         own, points = curves.picked(np.array([index])), problem.seen_at_lens[index]
         # points that lie where their neighbours do
-        off = misfits[_POINTS] - median_filter(
-            misfits[_POINTS], min(CheckSettings.neighbours, len(misfits) - 1), mode="nearest"
-        )
+        count = min(CheckSettings.neighbours, len(misfits) - 1)
+        repeated = np.pad(misfits[_POINTS], (count // 2, count - 1 - count // 2), "edge")
+        off = misfits[_POINTS] - np.sort(sliding_window_view(repeated, count))[:, count // 2]
         near = np.append(np.abs(off) <= CheckSettings.outlying_point * max(mad_std(off), 0.2), True)
         # points: distances from the prediction, which moves the other way; moment: the prediction less the reading
         sign = np.append(-np.ones(near.sum() - 1), 1.0)[:, None]

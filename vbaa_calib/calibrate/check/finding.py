@@ -7,7 +7,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtri
+
+from vbaa_calib.core.robust import chi_limit
 
 from .settings import CheckSettings
 
@@ -48,8 +49,7 @@ class Discrepancy:
     def limits_std(self) -> tuple[float, float]:
         """Distances from which the level is `LOOK` and `FAILS`."""
         look, fail = (
-            float(np.sqrt(chdtri(self.freedom, chance)))
-            for chance in (CheckSettings.look_chance, CheckSettings.fail_chance)
+            chi_limit(chance, self.freedom) for chance in (CheckSettings.look_chance, CheckSettings.fail_chance)
         )
         return look, fail
 

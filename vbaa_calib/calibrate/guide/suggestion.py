@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from targets.board import AprilGrid, BoardWithIds, corner_points
 from vbaa_calib.calibrate.lens.board_shape import deformations
@@ -155,10 +154,14 @@ def _poses(placed: Sequence[_BoardPlace], rays: np.ndarray, spec: BoardWithIds) 
     tilt = np.array([[np.sin(one.away_rad), -np.cos(one.away_rad), 0.0] for one in placed])
     tilt *= np.array([one.tilt_rad for one in placed])[:, None]
     roll = np.array([[0.0, 0.0, one.roll_rad] for one in placed])
-    turned = Rotation.from_rotvec(facing) * Rotation.from_rotvec(tilt) * Rotation.from_rotvec(roll)
-    rotations = turned.as_matrix()
+    rotations = _turns(facing) @ _turns(tilt) @ _turns(roll)
     shifts = np.array([one.distance_m for one in placed])[:, None] * rays - rotations @ _middle(spec)
     return [Pose(rotation, shift) for rotation, shift in zip(rotations, shifts, strict=True)]
+
+
+def _turns(rotvecs_rad: np.ndarray) -> np.ndarray:
+    """(N, 3, 3) rotations of rotation vectors (N, 3)."""
+    return np.array([Pose.from_rotvec(one, np.zeros(3)).rotation for one in rotvecs_rad])
 
 
 def _middle(spec: BoardWithIds) -> np.ndarray:

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtrc
 
 from vbaa_calib.calibrate.lens.board_shape import SHAPE, deformations
 from vbaa_calib.calibrate.lens.bundle import CONVERGED, BoardCorners, Bundle, refine, rows
@@ -15,6 +14,7 @@ from vbaa_calib.calibrate.lens.settings import LensSettings
 from vbaa_calib.calibrate.lens.uncertainty import compensate, is_covered, pixel_grid, projection_jacobian
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.least_squares import CHANCE_SCATTER, padded, without_own
+from vbaa_calib.core.robust import chi_square_p
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.rig.rig_file import can_hold
 
@@ -204,7 +204,7 @@ def _compare_split_half(
     square = float(difference @ form @ difference)
     # a sum of squares of unequal share, by the chi-squared law with its mean, which is 1, and its variance
     freedom = 1.0 / float(np.sum((form @ covariance) * (form @ covariance).T))
-    return float(np.sqrt(square)), float(chdtrc(freedom, square * freedom))
+    return float(np.sqrt(square)), chi_square_p(square * freedom, freedom)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.camera.lens import lens_of
@@ -148,10 +148,15 @@ def rational_like(fisheye: DistortionModel, intrinsics: np.ndarray, image_size: 
     # without the weight the powers far out would dominate
     weight = 1.0 / (1.0 + square)
     design = np.hstack([powers, -ratio[:, None] * powers]) * weight[:, None]
-    lowest = np.array([-np.inf] * 3 + [0.0] * 3)
-    found = lsq_linear(design, (ratio - 1.0) * weight, bounds=(lowest, np.inf)).x
-    distortion = np.zeros(8)
-    distortion[[*_NUMERATOR["opencv"], *_DENOMINATOR["opencv"]]] = found
+    least, distortion = np.inf, np.zeros(8)
+    # a denominator without negative coefficients has no pole: the best of those in which some of them are zero
+    for zero in product((False, True), repeat=3):
+        free = np.append(np.ones(3, bool), ~np.array(zero))
+        found = np.zeros(6)
+        found[free] = np.linalg.lstsq(design[:, free], (ratio - 1.0) * weight, rcond=None)[0]
+        misfit = float(np.linalg.norm(design @ found - (ratio - 1.0) * weight))
+        if misfit < least and found[3:].min() >= 0.0:
+            least, distortion[[*_NUMERATOR["opencv"], *_DENOMINATOR["opencv"]]] = misfit, found
     return np.concatenate([intrinsics[:4], distortion])
 
 

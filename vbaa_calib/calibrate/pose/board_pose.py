@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from vbaa_calib.calibrate.lens.board_shape import SHAPE, BoardShape, deformations
 from vbaa_calib.calibrate.lens.models import pose_slopes, projected
@@ -53,7 +52,7 @@ def start_poses(points: np.ndarray, normalized: np.ndarray) -> list[Pose]:
 
 def turn_between(one: Pose, other: Pose) -> float:
     """Angle between two orientations, rad."""
-    return float(Rotation.from_matrix(one.rotation @ other.rotation.T).magnitude())
+    return float(np.linalg.norm(one.tangent_from(other)[:3]))
 
 
 def mirrored(T_camera_board: Pose, points: np.ndarray) -> Pose:
@@ -64,8 +63,8 @@ def mirrored(T_camera_board: Pose, points: np.ndarray) -> Pose:
     sight, normal = centre / np.linalg.norm(centre), T_camera_board.rotation[:, 2]
     axis = np.cross(normal, sight)
     angle = 2.0 * np.arctan2(np.linalg.norm(axis), normal @ sight)
-    turn = Rotation.from_rotvec(angle * axis / max(float(np.linalg.norm(axis)), 1e-12)).as_matrix()
-    rotation = turn @ T_camera_board.rotation
+    turn = Pose.from_rotvec(angle * axis / max(float(np.linalg.norm(axis)), 1e-12), np.zeros(3))
+    rotation = turn.rotation @ T_camera_board.rotation
     return Pose(rotation, centre - rotation @ centre_board)
 
 

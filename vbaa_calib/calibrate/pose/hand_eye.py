@@ -25,15 +25,12 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment, minimize
-from scipy.spatial.transform import Rotation
-from scipy.special import chdtri, fdtri
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.core.least_squares import SOFT_L1, Rules, levenberg_marquardt, solve_scaled
-from vbaa_calib.core.robust import radial_std
+from vbaa_calib.core.robust import chi_limit, radial_std
 from vbaa_calib.detect.board.corners import BoardView, require_corners
 from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.geometry import Pose
@@ -147,6 +144,9 @@ def _other_orders(known: Sequence[Pose], seen: Sequence[Pose], used: np.ndarray)
     known : of all rows. seen : of the views in use, with their own rows `used` (V,). Shifted by one, reversed, and the
     order in which the angles between the views' turns agree best, which do not depend on X and Z.
     """
+    from scipy.optimize import linear_sum_assignment  # slow to load
+    from scipy.spatial.transform import Rotation
+
     count = len(known)
     orders = {
         "are shifted by one: each row belongs to the view after it": used - 1,
@@ -231,7 +231,9 @@ class _HandEyeSolution:
     def covariance(self) -> np.ndarray:
         """Covariance (12, 12) of the tangents, inflated by the ratio of the 95 % quantiles of the F and χ²
         distributions."""
-        return self.covariance_for(self.std) * 6.0 * fdtri(6, self.freedom, 0.95) / chdtri(6, 0.05)
+        from scipy.special import fdtri  # slow to load
+
+        return self.covariance_for(self.std) * 6.0 * fdtri(6, self.freedom, 0.95) / chi_limit(0.05, 6) ** 2
 
 
 _Misfits = tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, np.ndarray]]
@@ -419,6 +421,8 @@ def _crossed(vector: np.ndarray) -> np.ndarray:
 def _deviations(rows: _HandEyeRows, starts: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """(3,) REML standard deviations, and those of their logarithms; several initial values are tried because the
     likelihood has flat stretches."""
+
+    from scipy.optimize import minimize  # slow to load
 
     def badness(logs: np.ndarray) -> float:
         inside = np.clip(logs, *_STD_LOGS.T)
@@ -761,12 +765,14 @@ def _checked_pose(pose: Pose, name: str) -> Pose:
     fits = rotation.shape == (3, 3) and place.shape == (3,) and np.isfinite(rotation).all() and np.isfinite(place).all()
     if not fits or np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0.0:
         raise InputError(f"{name} is none", remedy="give a rotation matrix, and metres")
-    return Pose(Rotation.from_matrix(rotation).as_matrix(), place)
+    return Pose(_nearest_rotation(rotation), place)
 
 
 def _turns(poses: Sequence[Pose]) -> tuple[np.ndarray, np.ndarray]:
     """(3,) rms rotations of the tool about their principal axes, rad, largest first, and the axes (3, 3) in the tool
     frame."""
+    from scipy.spatial.transform import Rotation  # slow to load
+
     turns = Rotation.from_matrix(np.array([pose.rotation for pose in poses]))
     middle = turns[int(np.argmin([(turns * one.inv()).magnitude().sum() for one in turns]))]
     vectors = (middle.inv() * turns).as_rotvec()
@@ -857,6 +863,8 @@ def _consistent(
 ) -> tuple[_HandEyeSolution, np.ndarray, _Misfits]:
     """Solves from the views that agree; returns the solution, the mask (V,) of these views, and the misfit of every
     view."""
+    from scipy.special import fdtri  # slow to load
+
     kept, X, Z = start.good, start.X, start.Z
     std = np.array([max(start.spread_m, 1e-6), max(start.spread_m, 1e-6), 1.0])
     for _ in range(HandEyeSettings.outlier_rounds):
@@ -866,7 +874,7 @@ def _consistent(
         (X, Z, *_), std = solved.state, solved.std
         off = problem.misfits(solved, seen, kept, centre_m)
         # outliers still in it make the robot look worse than it is; among few views that cannot be seen
-        scale = float(np.median(off[2]) / chdtri(6, 0.5))
+        scale = float(np.median(off[2]) / chi_limit(0.5, 6) ** 2)
         scale = max(scale, 1.0) if len(seen) < HandEyeSettings.few_to_judge else scale
         before, kept = kept, off[2] <= scale * 6.0 * fdtri(6, solved.freedom, 1.0 - HandEyeSettings.outlier_chance)
         if np.array_equal(kept, before) or kept.sum() < max(HandEyeSettings.fewest_views, 0.5 * len(kept)):

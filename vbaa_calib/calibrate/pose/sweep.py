@@ -21,15 +21,13 @@ Not observable:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
-from scipy.optimize import minimize_scalar
 
 from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.lens.models import projected
@@ -330,8 +328,26 @@ def _angle_variance_ratio(blocks: np.ndarray, rows: int) -> float:
     # there may be several minima, and a flat stretch where the angles count as exact
     powers = np.arange(*PoseSettings.ratio_powers)
     best = powers[np.argmin([badness(power) for power in powers])]
-    found = minimize_scalar(badness, bounds=(best - 1.0, best + 1.0), method="bounded", options={"xatol": 1e-5})
-    return float(10**found.x / per_angle) if found.fun < badness(-np.inf) else 0.0
+    found = _least_between(badness, (best - 1.0, best + 1.0), 1e-5)
+    return float(10**found / per_angle) if badness(found) < badness(-np.inf) else 0.0
+
+
+def _least_between(function: Callable[[float], float], ends: tuple[float, float], tolerance: float) -> float:
+    """The place of a function's minimum between two ends, to within `tolerance`, by golden section."""
+    shrink = 0.5 * (5.0**0.5 - 1.0)
+    low, high = ends
+    left, right = high - shrink * (high - low), low + shrink * (high - low)
+    at_left, at_right = function(left), function(right)
+    while high - low > tolerance:
+        if at_left <= at_right:
+            high, right, at_right = right, left, at_left
+            left = high - shrink * (high - low)
+            at_left = function(left)
+        else:
+            low, left, at_left = left, right, at_right
+            right = low + shrink * (high - low)
+            at_right = function(right)
+    return left if at_left <= at_right else right
 
 
 _CROSS = "take a cross at least: the middle, pan to either side, tilt to either side, by 0.1 rad and more"
@@ -400,11 +416,13 @@ def solve_sweep(
     ]
     estimate, with_pose = _estimate(chosen, kinematics.T_actuator_antenna, tilt_zero_std_rad)
     state, measured = chosen.state, free.state
+    axes = np.diag([0.0, 0.0, tilt_zero_std_rad**2])
+    axes[:2, :2] = chosen.covariance[_AXES, _AXES]
     skew_std, offset_std = np.sqrt(np.diag(free.covariance[_AXES, _AXES]))
     return SweepSolution(
         estimate=estimate,
         kinematics=replace(kinematics, axis_skew_rad=state.axis_skew_rad, axis_offset_m=state.axis_offset_m),
-        axes_covariance=block_diag(chosen.covariance[_AXES, _AXES], tilt_zero_std_rad**2),
+        axes_covariance=axes,
         axes_with_pose=with_pose,
         axes_free=chosen is free,
         axis_skew_rad=measured.axis_skew_rad,

@@ -9,7 +9,8 @@ covariance is J⁻¹ A var(I) Aᵀ J⁻ᵀ. J is near M = −Σ w g gᵀ where t
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import ndtri
+
+from vbaa_calib.core.robust import chi_limit
 
 from .settings import DetectionSettings
 
@@ -61,7 +62,7 @@ def _folded(blocks: np.ndarray, middle: float) -> np.ndarray:
 def _trimmed(squares: np.ndarray) -> float:
     """Variance of normal numbers from the smallest of their squares (N,), corrected for the trimming."""
     share = DetectionSettings.flat_kept
-    kept, limit = max(int(share * len(squares)), 1), float(ndtri(0.5 + share / 2.0))
+    kept, limit = max(int(share * len(squares)), 1), chi_limit(1.0 - share, 1.0)
     trimming_loses = share / (share - 2.0 * limit * float(np.exp(-0.5 * limit**2) / np.sqrt(2.0 * np.pi)))
     return float(np.partition(squares, kept - 1)[:kept].mean()) * trimming_loses
 

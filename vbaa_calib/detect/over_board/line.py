@@ -12,8 +12,6 @@ import cv2
 import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.polynomial.polynomial import polyval
-from scipy.optimize import minimize_scalar
-from scipy.special import ndtr
 
 from targets.board import AprilGrid, BoardWithIds, opencv_board
 from vbaa_calib.camera import Camera
@@ -91,6 +89,8 @@ class _BoardPicture:
 
 def _board_picture(image: np.ndarray, camera: Camera, T_camera_board: Pose, spec: BoardWithIds) -> _BoardPicture | None:
     """Compare an (H, W) picture with its board at a known pose; None where the board has no contrast."""
+    from scipy.optimize import minimize_scalar  # slow to load
+
     grey = np.asarray(image, np.float32)
     sharp, inside = _warped(camera, T_camera_board, spec)
     if not inside.any():
@@ -352,6 +352,8 @@ def _rough_centres(cut: _Profiles, paint: _LinePaint) -> np.ndarray:
 
 def _fit_paint(cut: _Profiles, paint: _LinePaint) -> _LinePaint:
     """Brightness and coverage of the line on the guide, from all profiles together; then its width."""
+    from scipy.optimize import minimize_scalar  # slow to load
+
     usable = np.isfinite(cut.noise)
     behind = np.where(usable, np.nan_to_num(cut.behind), 0.0)
     shape = np.exp(-0.5 * (cut.across / (paint.scale_px * cut.stretch[:, None])) ** 2)
@@ -677,6 +679,8 @@ class _Tracker:
     def _end(self, path: _PlanePath, paint: _LinePaint, way: int) -> LineEnd | None:
         """The line's end beyond the path's start (−1) or end (+1)."""
         cut = self._cut(path, _OverBoardSettings.growth)
+        from scipy.special import ndtr  # slow to load
+
         # how much of the line is on the guide itself: about 1 where it is, 0 where not
         there = _fit(cut, paint, steps=0)
         amplitude, std = there.amplitude, there.amplitude_std * np.maximum(there.chi, 1.0)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 
-from vbaa_calib.simulate.scene.objects import BOX_FACE_M, WEDGES, TouchObject, implicit, surface_radius
+from vbaa_calib.simulate.scene.objects import BOX_FACE_M, WEDGES, TouchObject, implicit
 
 from .object import flat_sides
 from .settings import PAINT
@@ -98,7 +98,7 @@ def _round_mesh(obj: TouchObject, rings: int) -> Triangles:
     polar, turn = np.linspace(0.0, np.pi, rings)[:, None], np.linspace(0.0, 2 * np.pi, 2 * rings, endpoint=False)
     out = np.stack([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar) + 0 * turn], axis=-1)
     out = out.reshape(-1, 3)
-    surface = surface_radius(out, obj.radius_m, obj.bumps)[:, None] * out
+    surface = obj.radius_along(out)[:, None] * out
     slope = implicit(surface, obj.radius_m, obj.bumps)[1]
     normals = slope / np.linalg.norm(slope, axis=1, keepdims=True)
     return Triangles(surface + obj.center_world_m, normals, _grid_faces(rings, 2 * rings)[:, ::-1])

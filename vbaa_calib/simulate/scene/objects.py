@@ -149,6 +149,10 @@ class TouchObject:
         points = np.asarray(points_world, float)
         return core.simulate.rough_distances(self.numbers, points.reshape(-1, 3)).reshape(points.shape[:-1])
 
+    def radius_along(self, directions: np.ndarray) -> np.ndarray:
+        """(K,) distance of the surface of a sphere or free form from the centre along unit vectors (K, 3)."""
+        return core.simulate.surface_radii(directions, self.numbers.radius_m, self.numbers.bumps)
+
     @property
     def numbers(self) -> SimpleNamespace:
         """The object as the compiled core reads it: its kind, vectors (3,), and bumps (K, 5): directions, heights,
@@ -178,8 +182,3 @@ def implicit(points_m: np.ndarray, radius_m: float, bumps: Sequence[Bump]) -> tu
     points = np.asarray(points_m, float)
     value, slope = core.simulate.elevations(points.reshape(-1, 3), radius_m, _rows(bumps))
     return value.reshape(points.shape[:-1]), slope.reshape(points.shape)
-
-
-def surface_radius(directions: np.ndarray, radius_m: float, bumps: Sequence[Bump]) -> np.ndarray:
-    """(K,) distance of the surface from the centre along unit vectors (K, 3)."""
-    return core.simulate.surface_radii(directions, radius_m, _rows(bumps))
