@@ -11,7 +11,7 @@ namespace vbaa::bundle {
 namespace {
 
 constexpr double LEAST_DAMPING = 1e-15, MOST_DAMPING = 1e12, SINGULAR = 1e-15;
-constexpr int REWEIGHTINGS = 12, FEW = 2;  // times that weights follow residuals, and steps at each after the first
+constexpr int REWEIGHTINGS = 12, FEW = 2;  // rounds of reweighting, and steps in each but the first
 constexpr double CONVERGED_WEIGHTS = 1e-2, ROUGH = 1e-4, FURTHEST_PER_CORNER = 4.0, LEAST_VARIANCE = 0.05;
 // Scale of Cauchy's loss for 95 % efficiency on normal noise, over the median length; and its least, px.
 constexpr double CAUCHY_PER_MEDIAN = 2.385 / 1.1774, LEAST_PX = 2.385e-9;
@@ -63,7 +63,7 @@ struct Problem {
     double reweight(ConstMatrix residuals);
 };
 
-// Lower triangle of the products of rows (m, M), two by two, which reads less.
+// Lower triangle of the products of rows (m, M); two by two rows at a time, to read less memory.
 void products(Matrix block, ConstMatrix rows) {
     const int count = rows.shape[0], wide = rows.shape[1];
     for (int i = 0; i < count; i += 2)
@@ -79,7 +79,7 @@ void products(Matrix block, ConstMatrix rows) {
         }
 }
 
-// Solve in place for right sides (n, m), with what `factored` left.
+// Solve in place for right sides (n, m), with the factor from `factored`.
 void solve_factored(ConstMatrix factor, Matrix right) {
     const int n = right.shape[0], m = right.shape[1];
     for (int i = 0; i < n; ++i) {
@@ -104,7 +104,7 @@ struct Quaternion {
     }
 };
 
-// Rotation vector, in place, turned by another.
+// Turn a rotation vector, in place, by another.
 void turn_by(const double* by, double* turn) {
     const Quaternion a = Quaternion::of(by), b = Quaternion::of(turn);
     const double w = a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z;
@@ -251,7 +251,7 @@ System Problem::descended(State state, const Rules& rules) {
             damping *= rules.growth;
             continue;
         }
-        // a damped step is short wherever it is taken
+        // a damped step is short even far from the minimum
         if (next.promise <= rules.tolerance * at.cost && damping < 1.0) break;
         System trial = linearised(moved(at.state, next));
         const double rounding = rules.may_rise_share * at.cost, decrease = at.cost - trial.cost;
@@ -320,7 +320,7 @@ bool factored(Matrix matrix, int size) {
             for (int k = 0; k < j; ++k) value -= matrix(i, k) * matrix(j, k);
             const bool there = value > SINGULAR * square;
             if (j == i) whole &= there;
-            // one over the diagonal is what is needed
+            // the diagonal holds reciprocals
             matrix(i, j) = j < i ? value * matrix(j, j) : there ? 1.0 / std::sqrt(value) : 0.0;
         }
     }

@@ -11,8 +11,8 @@ namespace vbaa::bundle {
 constexpr int SHAPE = 5;  // parameters of a board's shape
 constexpr int POSE = 6;   // a rotation vector, rad, and a translation, m
 
-// Corners of V views: board points (N, 3) m, by how much they move with the board's shape (N, 3, 5), pixels (N, 2), the
-// weights (N,) of their residuals; view v has corners bounds[v] to bounds[v + 1].
+// Corners of V views: board points (N, 3) m, their derivatives by the board's shape (N, 3, 5), pixels (N, 2), weights
+// (N,) of their residuals; view v has corners bounds[v] to bounds[v + 1].
 struct Corners {
     ConstMatrix points_m;
     ConstCube deformation;

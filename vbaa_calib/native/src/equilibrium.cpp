@@ -31,7 +31,7 @@ class Even {
     }
     // Length of the side of the contact that the node lies on.
     Lanes side(int node) const { return node < INNER_NODES ? loads.contact_m : loads.length_m - loads.contact_m; }
-    // How the weight bends a straight antenna before a node, and its moment at the clamp.
+    // Rotation of a straight antenna at a node by its weight, and the weight's moment at the clamp, per unit.
     Lanes weighed(int node) const {
         Lanes length = loads.length_m, rest = beyond(node);
         return (length * length * length - rest * rest * rest) / 6.0;
@@ -54,12 +54,12 @@ class Even {
     const Loads& loads;
 };
 
-// Loads beyond the series: in closed form, lane by lane.
+// The elastica's rotations for loads beyond the series: in closed form, lane by lane.
 void hinge_in_closed_form(Lanes amounts, Lanes frictions, Hinge& hinge) {
     for (int lane = 0; lane < LANES; ++lane) {
         double amount = amounts[lane], friction = frictions[lane];
         if (!(amount > SERIES_LOAD)) continue;
-        // most lanes are the same shape again, where what does not bend it is moved
+        // most lanes repeat the same shape, with a change that does not bend it
         bool same = lane > 0 && amount == amounts[0] && friction == frictions[0];
         Landen chain;
         if (!same) chain = landen(0.5 * (1.0 - std::sin(friction)));

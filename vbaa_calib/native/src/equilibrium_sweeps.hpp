@@ -12,10 +12,10 @@ namespace vbaa::antenna::sweep {
 // EI/GJ of a round wire, 1 + ν. Torsion turns the section, and with it the bow: hundredths of a millimetre.
 constexpr double TORSION_RATIO = 1.3;
 
-// Whether sweeps that change the ends by so much, squared, and by more before, have come to rest in all lanes. They
-// converge linearly: what is left is about the last change times its ratio to the one before.
+// Whether sweeps have converged in all lanes, by the squares of the last two changes of the ends. Convergence is
+// linear: the remaining error is about the last change times its ratio to the one before.
 inline bool at_rest(const Lanes& square, const Lanes& before) {
-    constexpr double rad = 1e-10;  // of half an angle: what it moves is far below a nanometre
+    constexpr double rad = 1e-10;  // of half an angle: moves points by far less than a nanometre
     return sum(choose(square * square <= rad * rad * before, spread(0.0), spread(1.0))) == 0.0;
 }
 
@@ -71,7 +71,7 @@ inline Vectors seen_from_contact(Vectors g, ClampTurn clamp) {
     return 1.0 / (1.0 + g.y * clamp.y + g.z * clamp.z) * found;
 }
 
-// The sections turned about their own axes until the clamp's turn to the contact's axes has no roll in it.
+// Turns all sections about their own axes so that the clamp's rotation to the contact's axes has no roll.
 template <int COUNT>
 void roll_out(Work<COUNT>& work, int count, ClampTurn clamp) {
     Vectors seen = seen_from_contact(work.field[0], clamp);

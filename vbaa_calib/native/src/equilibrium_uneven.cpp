@@ -70,7 +70,7 @@ class Uneven {
     const PanelNodes& nodes;
 };
 
-// How far a tangent lags the contact's, and the moment there over EI.
+// State of the elastica at a place: the angle by which the tangent lags the contact's, and the moment over EI.
 struct Pendulum {
     Lanes psi, moment;
 };
@@ -78,7 +78,7 @@ struct Pendulum {
 // The elastica on a part from its end back, ψ′ = c·m and m′ = F cos(ψ + α), by Picard's iteration; gives its start.
 Pendulum hinge_of_part(const Uneven& nodes, int first, Lanes force, Lanes friction_rad, Pendulum end,
                        HingeAt<PanelNodes::NODES>& hinge) {
-    // in so many turns ψ changes by less at last, and no antenna lags by more
+    // iterations after which ψ has converged, and largest lag of any antenna
     constexpr int MOST_TURNS = 40;
     constexpr double SAME_PSI = 1e-12, MOST_PSI = 3.0;
     std::array<Lanes, NodeTables::PANEL> psi, moment, integrand;
@@ -98,7 +98,7 @@ Pendulum hinge_of_part(const Uneven& nodes, int first, Lanes force, Lanes fricti
         to_end(integrand.data(), end.psi, next.data());
         bool same = true;
         for (int i = 0; i < NodeTables::PANEL; ++i) {
-            // what is far beyond any antenna must stay a number
+            // keeps ψ finite far beyond any antenna
             next[i] = where_positive(next[i] - MOST_PSI, MOST_PSI, next[i]);
             next[i] = where_positive(-MOST_PSI - next[i], -MOST_PSI, next[i]);
             const Lanes change = absolute(next[i] - psi[i]);
@@ -137,7 +137,7 @@ Equilibrium equilibrium(const Loads& loads, const PanelNodes& nodes, int sweeps,
 PanelNodes panel_nodes(const Taper& taper, Lanes contact_m, double length_m) {
     PanelNodes nodes;
     nodes.count = 0;
-    // what is not a number in the second is none
+    // NaN in the second argument counts as absent
     const auto nearer = [](Lanes a, Lanes b) { return where_positive(b - a, a, b); };
     const auto farther = [](Lanes a, Lanes b) { return where_positive(a - b, a, b); };
     const auto add = [&](int k, Lanes start, Lanes end, bool always) {

@@ -36,7 +36,7 @@ struct Homography {
     }
 };
 
-// Points (N, 2), in place, about their mean, by their size (Hartley); returns what makes them that.
+// Normalises points (N, 2) in place to mean zero and unit size (Hartley); returns the homography that does so.
 Homography normalise(Matrix points) {
     const int count = points.shape[0];
     double x = 0.0, y = 0.0, square = 0.0;
@@ -154,7 +154,7 @@ double homography(ConstMatrix points, ConstMatrix image, View<const std::int64_t
         if (!std::isfinite(measure())) return NOT_KNOWN;
         std::vector<double> sorted(distances.begin(), distances.begin() + count);
         const double middle = median(sorted);
-        // the smallest distances that four points have, those that are equal counted once
+        // the four smallest distinct distances
         std::sort(sorted.begin(), sorted.end());
         const auto unique = std::unique(sorted.begin(), sorted.end());
         const auto fourth = unique - sorted.begin() < LEAST_CORNERS ? NOT_KNOWN : sorted[LEAST_CORNERS - 1];

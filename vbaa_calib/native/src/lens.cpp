@@ -1,5 +1,5 @@
-// Projection and the way back, a vector of points at a time; what a few Newton steps do not solve is searched for
-// alone.
+// Projection and its inverse, a vector of points at a time; points that a few Newton steps do not solve are searched
+// one by one.
 #include "lens.hpp"
 
 #include <algorithm>
@@ -120,7 +120,7 @@ template <class T>
     if (lens.tilted) untilt(lens, x, y, depth);
     const T size = sqrt(x * x + y * y);
     const bool full = lens.path == Path::full;
-    // what nothing reaches needs no search; with a rim, its directions are computed only then
+    // points that no ray reaches need no search; a rim's directions are computed only if there is one
     const S limit = full ? std::numeric_limits<S>::max() : S(lens.distorted_limit);
     const Mask<T> reachable = (size < T{} + limit) & (depth > T{});
     x = choose(reachable, x, T{}), y = choose(reachable, y, T{});
@@ -145,7 +145,7 @@ template <class T>
         found.x = choose(beyond > T{}, found.x + (bent.yy * off_x - bent.xy * off_y) * scale, found.x);
         found.y = choose(beyond > T{}, found.y + (bent.xx * off_y - bent.yx * off_x) * scale, found.y);
     }
-    // in single precision a rounding more may be left, a fraction of 1e-3 px
+    // in single precision one more rounding is allowed, a fraction of 1e-3 px
     Mask<T> good = (single ? beyond <= S(1.5) * allowed : beyond <= T{}) & bent.definite();
     const T square = found.x * found.x + found.y * found.y;
     const Mask<T> within = square < T{} + S(lens.ideal_limit * lens.ideal_limit);
@@ -207,7 +207,7 @@ struct SeenPlane {
         }
     }
 
-    // How far along directions, of squared size `size2`, they meet the plane; which do.
+    // Distances along directions, of squared length `size2`, at which they meet the plane, and which do.
     template <class T>
     T along(const T (&direction)[3], T size2, Mask<T>& valid) const {
         using S = Number<T>;
@@ -246,7 +246,8 @@ void plane_of(const Lens& lens, const Plane& seen, View<const Number<T>, 2> pixe
     });
 }
 
-// work(begin, some, place): put(row, column, values) derivatives of coordinates on a plane, by their rows d/d(sensor).
+// Calls work(begin, some, place) for a vector of pixels at a time, with the derivatives of their coordinates on a plane
+// by the sensor's.
 template <class Work>
 void sliding(const Lens& lens, const Plane& seen, ConstMatrix pixels, Work work) {
     const SeenPlane plane(seen);

@@ -15,7 +15,7 @@
 
 namespace vbaa::lens {
 
-// What the map onto the sensor needs, apart from the tilt: nothing, a radial gain, or decentring and prism, too.
+// Parts of the map onto the sensor, apart from the tilt: none, a radial gain, or decentring and prism, too.
 enum class Path { none, radial, full };
 
 // A model with its numbers; all that the maps need (lens_maps.hpp).
@@ -42,7 +42,7 @@ struct RadialTable {
     double ideal_limit = 0.0;                // where the branch ends
     double distorted_limit = 0.0;            // the same of ρ
 
-    // The node at or before a place, of which what is no number, or beyond the table, has the last one's.
+    // The node at or before a place; the last one for NaN and for places beyond the table.
     template <class T>
     int node(T place) const {
         const int last = static_cast<int>(nodes.size()) - 1;
@@ -76,7 +76,7 @@ Lens prepared(bool fisheye, ConstVector parameters);
 bool sees(const Lens& lens, double x, double y);
 
 // An ideal point (x, y) of a distorted one on an untilted sensor that a few Newton steps did not find; false where
-// there is none. On entry (x, y) is what those steps ended with.
+// there is none. On entry (x, y) is the end of those steps.
 bool searched(const Lens& lens, double distorted_x, double distorted_y, double& x, double& y);
 
 // Pixels (N, 2) of points (N, 3) in the camera's frame and validity (N,); NaN where not valid. Where asked for (not
@@ -93,12 +93,12 @@ void rays_of_pixels(const Lens& lens, ConstMatrix pixels, Matrix rays, bool* val
 // 4 + k).
 void rays_with_slopes(const Lens& lens, ConstMatrix pixels, Matrix rays, Cube by_pixel, Cube by_lens, bool* valid);
 
-// Where one of the pixels' numbers goes: the first place, and how far apart they are.
+// Destination of one number per pixel: the first place, and the stride.
 struct Column {
     double* first = nullptr;
     int apart = 1;
 };
-// Of X/Z and Y/Z, and of d(X/Z, Y/Z)/d(u, v) row by row if they have places.
+// Destinations of X/Z and Y/Z and, if set, of d(X/Z, Y/Z)/d(u, v) row by row.
 struct Normalized {
     Column x, y, slopes[4];
 };

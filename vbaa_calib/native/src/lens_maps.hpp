@@ -59,7 +59,7 @@ struct Layout {
     T xy(T x, T y) const { return x * y * bend; }
 };
 
-// Of a point (X, Y, Z) onto the chart.
+// Layout of a point (X, Y, Z) on the chart.
 template <class T>
 Layout<T> chart_of_point(bool fisheye, T x, T y, T z) {
     using S = Number<T>;
@@ -73,7 +73,7 @@ Layout<T> chart_of_point(bool fisheye, T x, T y, T z) {
     return {ratio, choose(near, T(series), T((z * drop - ratio) / across2)), drop, T{}};
 }
 
-// Of a chart point to a unit ray.
+// Layout of a chart point as a unit ray.
 template <class T>
 Layout<T> ray_of_chart(bool fisheye, T x, T y) {
     using S = Number<T>;
@@ -125,11 +125,9 @@ struct Mapped {
     }
 };
 
-// Of a chart point onto the sensor's normalized plane before its tilt. With g = (1 + k1 s + k2 s² + k3 s³) /
-// (1 + k4 s + k5 s² + k6 s³), s = x² + y²:
-//     xd = g x + 2 p1 x y + p2 (s + 2 x²) + s1 s + s2 s²
-//     yd = g y + p1 (s + 2 y²) + 2 p2 x y + s3 s + s4 s²
-// the fisheye's g = 1 + k1 s + k2 s² + k3 s³ + k4 s⁴ with s = θ².
+// Maps a chart point onto the sensor's normalized plane before its tilt. With g = (1 + k1 s + k2 s² + k3 s³) / (1 + k4
+// s + k5 s² + k6 s³), s = x² + y²: xd = g x + 2 p1 x y + p2 (s + 2 x²) + s1 s + s2 s² yd = g y + p1 (s + 2 y²) + 2 p2 x
+// y + s3 s + s4 s² the fisheye's g = 1 + k1 s + k2 s² + k3 s³ + k4 s⁴ with s = θ².
 template <class T>
 Mapped<T> distorted(const Model& model, T x, T y) {
     using S = Number<T>;
@@ -203,7 +201,8 @@ Sensed<T> on_sensor(const Model& model, T x, T y) {
     return on_sensor(model, distorted(model, x, y));
 }
 
-// put(i, x, y): d(point on the sensor)/d(coefficient i) of a chart point (x, y) at `at`, for each coefficient.
+// Calls put(i, x, y) with d(point on the sensor)/d(coefficient i), for each coefficient, of a chart point (x, y) with
+// its map `at`.
 template <class T, class Put>
 void by_coefficients(const Model& model, T x, T y, const Sensed<T>& at, Put put) {
     const T s = x * x + y * y;

@@ -18,7 +18,7 @@ constexpr double FLAT = 1e-7;               // a pair of roots as near to the re
 constexpr int NODES = 2048, DIRECTIONS = 90, RADII = 160, HALVINGS = 30;
 constexpr int TABLE_STEPS = 12, SAFE_STEPS = 60, DAMPED_STEPS = 16;
 
-// Residual that counts as none: some tens of roundings of the largest term.
+// Residual that counts as zero: some tens of roundings of the largest term.
 double tolerance(double size) { return 5e-14 * size + 1e-300; }
 
 double polynomial(const std::vector<double>& c, double s) {
@@ -50,7 +50,7 @@ std::vector<double> roots_within_one(const std::vector<double>& c) {
             found.push_back(b);
         } else if (high < 1.0 &&
                    std::abs(at_high) <= 0.5 * std::abs(polynomial(bend, high)) * FLAT * FLAT * high * high) {
-            found.push_back(high);  // a double root that rounding has lifted off the axis: the lens is flat there
+            found.push_back(high);  // a double root that rounding has made complex: the lens is flat there
         }
         low = high, at_low = at_high;
     }

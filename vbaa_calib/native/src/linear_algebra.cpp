@@ -13,8 +13,8 @@ namespace {
 constexpr double LEAST_DAMPING = 1e-12;  // a direction without information stays where it is
 constexpr int SWEEPS = 12;               // of Jacobi's rotations; 4 × 4 are diagonal to the last digit after five
 
-// Subtracts the contributions of the rows above from row a, in COUNT vectors of columns from `first` on. Two sums
-// take every second row each, since a sum waits for itself.
+// Subtracts the contributions of the rows above from row a, in COUNT vectors of columns from `first` on. Two sums take
+// every second row each, so that additions do not wait for one another.
 template <int COUNT>
 void eliminate(Matrix factor, int a, int first) {
     const int wide = factor.shape[1];
@@ -34,7 +34,7 @@ void eliminate(Matrix factor, int a, int first) {
     }
 }
 
-// COUNT vectors of right sides (size, wide), in place.
+// Solves for COUNT vectors of right sides (size, wide), in place.
 template <int COUNT>
 void solve_columns(ConstMatrix factor, ConstVector scale, int size, double* sides, int wide, bool whole) {
     const auto solved = [&](int k, int first, int last) {
@@ -81,7 +81,7 @@ void add_block_of_products(ConstMatrix columns, ConstMatrix product, int a, cons
 }
 
 // The rotation that makes the entry of rows A and B zero, of a matrix by its upper triangle and of its axes, the rows.
-// Where places are known to the compiler a small matrix stays in registers.
+// With indices known to the compiler a small matrix stays in registers.
 template <int SIZE, int A, int B>
 void rotate(double (&matrix)[SIZE][SIZE], double (&axes)[SIZE][SIZE]) {
     const double twice = 2.0 * matrix[A][B], square = twice * twice;
@@ -103,7 +103,7 @@ void rotate(double (&matrix)[SIZE][SIZE], double (&axes)[SIZE][SIZE]) {
     for (int k = 0; k < SIZE; ++k) turn(axes[A][k], axes[B][k]);
 }
 
-// A rotation of every pair, in the order of a tournament: pairs of one round need not wait for each other.
+// One rotation for every pair, in the order of a tournament: pairs of one round are independent.
 template <int SIZE, int... PAIR>
 void rotate_all(double (&matrix)[SIZE][SIZE], double (&axes)[SIZE][SIZE], std::integer_sequence<int, PAIR...>) {
     constexpr int EVEN = (SIZE + 1) / 2, ROUNDS = 2 * EVEN - 1;

@@ -10,7 +10,7 @@
 namespace vbaa {
 
 // Calls work(std::integral_constant<int, COUNT>, first) for COUNT vectors at a time, at most four, of a row of `wide`
-// numbers: sums next to each other need not wait for themselves.
+// numbers: additions to several sums do not wait for one another.
 template <class Work>
 void by_vectors(int wide, Work&& work) {
     int first = 0;
@@ -40,7 +40,8 @@ void by_vectors(const std::vector<int>& vectors, Work&& work) {
 
 // Cholesky's upper factor U (K, K) of an information matrix, `size` rows from `first` on, scaled (K,) to a unit
 // diagonal, with damping added. On the diagonal stand one over U's numbers, below it U's transpose. Factor and scale
-// are filled from 0 on. Only the upper triangle of the information is read; what is not a positive matrix gives NaN.
+// are filled from 0 on. Only the upper triangle of the information is read; a matrix that is not positive definite
+// gives NaN.
 void factorise(ConstMatrix information, int first, int size, double damping, Matrix factor, Vector scale);
 
 // Step (size,) of normal equations that `factorise` has factorised; may be the right side's own place.

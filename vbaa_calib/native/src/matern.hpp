@@ -20,7 +20,7 @@ struct MaternPrior {
     double offset, incline;    // standard deviations of the trend and its slope
 };
 
-// One or two functions over one or two coordinates.
+// Whether views are of one or two functions over one or two coordinates, the only ones supported.
 bool is_small(const Functionals& views);
 
 // (N, M) prior covariance of views, and its derivative by the logarithm of the length where there is room for it.

@@ -64,7 +64,7 @@ template <int N, int K>
 bool solve(const Small<N, N>& matrix, Small<N, K>& right) {
     Small<N, K> x = right;
     if (!eliminate<N, K>(matrix, x)) {
-        // a trace of damping gives what the pseudo-inverse would
+        // a trace of damping gives the pseudo-inverse's solution
         Small<N, N> squared = {};
         x = {};
         double size = largest(matrix);
@@ -114,8 +114,8 @@ Linearised<M, N> linearised(const Residual& residual, const Numbers<N>& x) {
 // Damped Newton with difference quotients; overwrites x, where to start, with the solution and gives the largest
 // absolute residual, infinite where one is not finite.
 //
-// Variables and residuals are scaled by the caller so that 1 is a typical size. The limits cut off steps. A system that
-// did not converge stays as it stands: the caller compares with the tolerance.
+// Variables and residuals are scaled by the caller so that 1 is a typical size. The limits cut off steps. Without
+// convergence x keeps its last value; the caller compares the residual with its tolerance.
 template <int N, class Residual>
 double newton(const Residual& residual, Numbers<N>& x, const Numbers<N>& lower, const Numbers<N>& upper,
               double tolerance) {

@@ -20,7 +20,7 @@ static_assert(NODES_TO_CONTACT % LANES == 0);
 // Nodes at which a shape is computed, from the clamp to the contact and from there to the tip: as many as keep what
 // they lose a tenth below what four sweeps leave (shapes.hpp).
 constexpr int INNER_NODES = 10, OUTER_NODES = 7, NODES = INNER_NODES + OUTER_NODES;
-// Contacts are kept this part of the length from the tip: there nothing would be left beyond them.
+// Least distance of a contact from the tip, over the length: at the tip itself no antenna is left beyond it.
 constexpr double NEAREST_TO_TIP = 1e-6;
 
 template <int ROWS, int COLUMNS>

@@ -31,7 +31,7 @@ T of(double value) {
         return spread(value);
 }
 
-// From psi'' = cos(psi + alpha) term by term.
+// The coefficients from psi'' = cos(psi + alpha), term by term.
 template <class T>
 void expand(T sin_friction, T cos_friction, int terms, Taylor<T>& series) {
     T rates[TERMS];

@@ -17,7 +17,7 @@ namespace vbaa::antenna {
 // Loads a = F l^2/EI up to which the series serves.
 constexpr double SERIES_LOAD = 2.5;
 
-// Halvings of the modulus at most: nothing of it is left, even from 1 - m = 1e-12.
+// Halvings of the modulus, most: it vanishes even from 1 - m = 1e-12.
 constexpr int LANDEN_STEPS = 9;
 
 // Landen's descending chain for the parameter m.

@@ -6,7 +6,7 @@
 namespace vbaa {
 namespace {
 
-// A number of spacings this near to a whole one is that one.
+// Difference up to which a number of spacings counts as whole.
 constexpr double WHOLE = 1e-6;
 // Largest number of points of a path.
 constexpr double MOST = 1e6;
@@ -25,7 +25,7 @@ Array<double, 1> arc_lengths(ConstMatrix polyline) {
 Resampled resample(ConstMatrix polyline, double spacing) {
     const Array<double, 1> along = arc_lengths(polyline);
     const int last = along.size() - 1;
-    // a spacing that divides the length: rounding must not decide whether the end is one of the points
+    // for a spacing that divides the length, rounding must not decide whether the end is one of the points
     const double spacings = last < 1 ? 0.0 : std::ceil(along[last] / spacing - WHOLE);
     const int count = spacings > 0.0 && spacings < MOST ? static_cast<int>(spacings) : 0;
     Resampled found{Array<double, 2>(count, 2), Array<double, 1>(count)};
@@ -66,7 +66,7 @@ Nearest nearest_on(ConstMatrix polyline, ConstMatrix points) {
         for (int k = 0; k < count;) {
             const double here = length(polyline(k, 0) - u, polyline(k, 1) - v);
             if (here < least) best = k, least = here;
-            // so many points on, none can be nearer
+            // number of further points that cannot be nearer
             const double skipped = std::min((here - least) / step, static_cast<double>(count));
             k += skipped > 1.0 ? static_cast<int>(skipped) : 1;
         }
@@ -121,7 +121,7 @@ Feet feet_on(ConstMatrix nodes, ConstMatrix slopes, ConstVector arclength, Const
             const auto [at, slope] = place(piece, share);
             const double square = slope[0] * slope[0] + slope[1] * slope[1];
             share += ((u - at[0]) * slope[0] + (v - at[1]) * slope[1]) / std::max(square, 1e-30);
-            // beyond the ends the curve goes on straight: points there tell little of the shape
+            // beyond the ends the curve goes on straight: points there hardly constrain the shape
             share = std::clamp(share, -1.0 - (piece > 0), 2.0 + (piece < pieces - 1));
         }
         const double inside = std::clamp(share, 0.0, 1.0);

@@ -16,7 +16,7 @@ struct Resampled {
     Array<double, 1> along;
 };
 
-// At equal spacing, short of the polyline's end; no points where its length is not finite.
+// Resamples a polyline at equal spacing, short of its end; no points where its length is not finite.
 Resampled resample(ConstMatrix polyline, double spacing);
 
 // (K, 2) unit normals (-v, u) of a polyline, with directions smoothed over neighbours; zeros where K < 2.
@@ -28,7 +28,7 @@ struct Nearest {
     Array<double, 1> distance;
 };
 
-// Of points (N, 2), relative to a finely spaced polyline (K, 2), K ≥ 2.
+// The nearest points of a finely spaced polyline (K, 2), K ≥ 2, to points (N, 2).
 Nearest nearest_on(ConstMatrix polyline, ConstMatrix points);
 
 // Where points (N, 2) lie about a curve: node coordinate (N,) of the nearest place, distance (N,) along the unit normal

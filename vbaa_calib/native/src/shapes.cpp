@@ -21,7 +21,7 @@ struct Pressed {
     bool dead;
 };
 
-// Of presses with transposed arrays, under LANES gravities.
+// Reads LANES antennas from transposed arrays, under LANES gravities.
 Pressed pressed(const Presses& lanes, Vectors gravity_m_s2) {
     double limit = (1.0 - NEAREST_TO_TIP) * lanes.length_m;
     Lanes contact = load(lanes.contact_m.data);
@@ -132,7 +132,7 @@ void put_points(const Pressed& press, Field& field, Cube points_m) {
 // Points and tangents of the curve, from the tangents on all panels, part after part.
 void put_curve(const Pressed& press, const PanelNodes& nodes, const PanelField& tangents, const Made& made) {
     Vectors at = {Lanes{}, press.clamp_y_m, press.clamp_z_m};
-    int next = 0;  // the first node that does not lie before this part in all lanes
+    int next = 0;  // first node that lies in this part, or beyond it, in some lane
     for (int p = 0; p < nodes.count; ++p) {
         const Part& part = nodes.parts[p];
         const bool last = p == nodes.count - 1;
@@ -154,7 +154,7 @@ void put_curve(const Pressed& press, const PanelNodes& nodes, const PanelField& 
         for (int node = next; node < CURVE_NODES; ++node) {
             const Lanes s = arclength_at(press, node);
             if (!last && !(~(s > end)).any()) break;
-            // the first part has all nodes that are not in a later one
+            // the first part takes all nodes that no later one contains
             const Lanes::Mask here =
                 p ? ~(s < part.start_m)
                   : Lanes::Mask::each([](int) { return Lanes::Mask::Part{} == Lanes::Mask::Part{}; });
@@ -211,7 +211,7 @@ void bend_far(int sweeps, const Pressed& press, const Made& made) {
         for (int node = 0; node < count; ++node) tangents[node] = frame.turned(tangents[node]);
     };
     if (press.taper) {
-        constexpr int FURTHER_SWEEPS = 2;  // its soft end turns more between sweeps
+        constexpr int FURTHER_SWEEPS = 2;  // the soft end of a tapered antenna turns more between sweeps
         const PanelNodes panels = panel_nodes(press.taper, press.contact_m, press.length_m);
         PanelField tangents;
         found = equilibrium(loads, panels, sweeps + FURTHER_SWEEPS, tangents);
@@ -226,13 +226,13 @@ void bend_far(int sweeps, const Pressed& press, const Made& made) {
         put_points(press, nodes, made.points_m);
     }
     Vectors force = frame.turned(found.force_per_m2);
-    // about the antenna frame's origin: the clamp stands next to it, by (0, y, z)
+    // about the antenna frame's origin, from which the clamp is off by (0, y, z)
     Lanes moment = frame.turned(found.moment_per_m).y;
     Lanes about_origin = moment + press.clamp_z_m * (force.x + press.taper.weight * press.length_m * weight.x);
     put_loads(made, stiffness * force, -stiffness * about_origin);
 }
 
-// Small deflections y and z, or their slopes, by what bends or moves the antenna.
+// A pair (y, z) of small deflections, slopes, or their causes.
 struct Lateral {
     Lanes y, z;
 };
@@ -263,7 +263,7 @@ Unit bent_by_unit(const Pressed& press, Lanes s) {
 
 // Small deflections of contact, lateral weight, bow, clamp and its give, superposed (vbaa_calib/antenna/linear.py).
 //
-// The paper's beam has the contact alone. A contact before the clamp gives what is not a number.
+// The paper's beam has the contact alone. A contact before the clamp gives NaN.
 void bend_little(bool paper, const Pressed& press, const Made& made) {
     Lanes contact = where_positive(-press.contact_m, std::numeric_limits<double>::quiet_NaN(), press.contact_m);
     Lanes compliance = 1.0 / press.stiffness_Nm2, friction = Lanes{};
@@ -309,7 +309,7 @@ void bend_little(bool paper, const Pressed& press, const Made& made) {
             if (node == CONTACT) at_contact = slope;
         }
     }
-    // what the force along x adds to shape and moment is of second order; its direction in the world it is not
+    // the force along x changes shape and moment to second order only, but the force's direction to first order
     Lanes along = friction - push.y * at_contact.y - push.z * at_contact.z;
     put_loads(made, {along, push.y, push.z}, clamp_moment.z - start.z * (friction + length * weight.x));
 }
@@ -338,7 +338,7 @@ Bent bend_batch(int rung, int sweeps, const Presses& presses) {
     Array<double, 3> points(3, CURVE_NODES, LANES), tangents(3, CURVE_NODES, LANES);
     for (int start = 0; start < count; start += LANES) {
         for (int lane = 0; lane < LANES; ++lane) {
-            // what is left of the last eight repeats the last shape
+            // the last eight are filled with copies of the last shape
             int row = std::min(start + lane, count - 1);
             for (int i = 0; i < 9; ++i) parameters(i, lane) = presses.parameters(row, i);
             for (int i = 0; i < 3; ++i) gravity(i, lane) = presses.gravity_m_s2(row, i);

@@ -2,8 +2,8 @@
 //
 // The force's bending is the planar elastica, exact in the deformation plane 𝒟; weight, natural bow and what couples
 // them to the force are a small rotation field on top of it, refined by sweeps of the equilibrium of moments
-// (equilibrium.hpp, docs/theory_estimator.md). Rows of eight numbers, (..., LANES), belong to eight shapes, which know
-// nothing of each other: what is not a number in one leaves the others alone.
+// (equilibrium.hpp, docs/theory_estimator.md). Rows of eight numbers, (..., LANES), belong to eight shapes, which are
+// independent: NaN in one does not affect the others.
 #pragma once
 
 #include "arrays.hpp"

@@ -9,7 +9,7 @@ namespace vbaa::antenna {
 
 namespace {
 
-// Shares of the load, one after the other, where the whole is too much at once.
+// Shares of the load, applied one after the other where Newton's method fails for the whole.
 constexpr double LOAD_LADDER[] = {0.1, 0.25, 0.45, 0.7, 1.0};
 
 // d1', d2' and M'.
@@ -17,7 +17,7 @@ struct Rates {
     Vectors d1, d2, moment;
 };
 
-// Of eight rods.
+// Sections of eight rods at one arc length each.
 struct Sections {
     Vectors position, d1, d2, moment;
 };
@@ -83,7 +83,7 @@ Sections back_over_slices(const Rod& rod, Sections at, Lanes from_m, Lanes to_m,
         const Lanes first = spread(slice->start_m), last = spread(slice->end_m);
         const Lanes start = where_positive(from_m - last, last, from_m),
                     end = where_positive(first - to_m, first, to_m);
-        // none where the slice lies elsewhere
+        // zero for rods with arc lengths outside the slice
         const Lanes step = where_positive(start - end, end - start, Lanes{});
         const double by_length = 1.0 / (slice->end_m - slice->start_m), thick = slice->diameters[0];
         Along<Softer> along;
@@ -102,7 +102,7 @@ Sections back_over_slices(const Rod& rod, Sections at, Lanes from_m, Lanes to_m,
     return at;
 }
 
-// A vector turned by the rotation vector u.
+// Rotates a vector by the rotation vector u.
 Vectors turned_by(Vectors u, const Point& v) {
     const Lanes angle = norm(u), half = 0.5 * angle;
     const Lanes by_angle = where_positive(angle - 1e-9, sin(angle) / angle, spread(1.0));
@@ -256,7 +256,7 @@ Rods solve_rods(const Rod& rod, ConstMatrix loads, double unit_Nm, ConstMatrix l
         double bound = limit_Nm(b, 0) / unit_Nm, scale = 1.0 / limit_Nm(b, 1);
         Numbers<3> upper = {bound, bound, bound}, lower = {-bound, -bound, -bound}, x;
         for (int j = 0; j < 3; ++j) x[j] = moment_Nm(b, j) / unit_Nm;
-        // what is left at the tip with a share of the load
+        // residual moment at the tip with a share of the load
         auto solved = [&](double share) {
             RodLoads load = load_of(loads, b, share);
             auto tip_moment = [&](const std::array<Lanes, 3>& trial) {
@@ -318,7 +318,7 @@ std::array<Lanes, 5> shoot_twice(const Rod& rod, const TwoTouches& loads, const 
         if (segment < 2) {
             const Vectors own = forces[segment] - forces[segment + 1];
             const auto& [along_y, along_z] = touches[segment].lateral_N;
-            // a force of nothing has no direction: it is to have nothing along x
+            // a force of zero has no direction: its component along x is set to zero
             const double scale = std::hypot(along_y, along_z) + 1e-3 * unit_N;
             left[3 + segment] = (dot(own, at.d1) + std::sin(touches[segment].friction_rad) * norm(own)) / scale;
         }

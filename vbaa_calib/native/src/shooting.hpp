@@ -1,5 +1,5 @@
-// The static rod of vbaa_calib/antenna/rod.py: one rod from its clamp to its tip, and what brings the tip's moment to
-// 0.
+// The static rod of vbaa_calib/antenna/rod.py: integration of one rod from clamp to tip, and the solve for a tip moment
+// of 0.
 #pragma once
 
 #include <vector>
@@ -54,8 +54,8 @@ struct Shots {
 // Integrate eight rods from the clamp with supposed moments there; in equilibrium the tip's comes out as zero.
 //
 // By Runge and Kutta over two segments of so many equal steps that meet at the contact. A contact at the tip leaves no
-// second segment; the rod is then split in its middle. Writes 2·steps + 1 nodes (N, 4, 3) of the first rod if there is
-// room: position, tangent d1, director d2 and moment, antenna frame.
+// second segment; the rod is then split in its middle. Writes 2·steps + 1 nodes (N, 4, 3) of the first rod unless
+// `nodes` is null: position, tangent d1, director d2 and moment, antenna frame.
 //
 // A rod that is not uniform is integrated from its tip, where from the clamp on a soft end would multiply every error:
 // in place of the clamp's moment its tip's turn from the clamp is supposed, in place of the tip's moment that of the
@@ -75,17 +75,17 @@ struct Rods {
 
 // Rods in equilibrium, each by itself; where Newton fails at once the load is brought on in shares.
 //
-// loads: (B, 7) as above. unit_Nm: EI/L. limit_Nm: (B, 2) no component of
-// the clamp's moment is larger; what the tip's moment counts in. moment_Nm: (B, 3) the clamp's moment to start from.
+// loads: (B, 7) as above. unit_Nm: EI/L. limit_Nm: (B, 2) bound of the clamp moment's components, and unit of the tip's
+// moment. moment_Nm: (B, 3) the clamp's moment to start from.
 Rods solve_rods(const Rod& rod, ConstMatrix loads, double unit_Nm, ConstMatrix limit_Nm, ConstMatrix moment_Nm,
                 int steps);
 
 // Uniform rods touched twice, in equilibrium, each by itself.
 //
 // loads: (B, 11) gravity, and of the nearer and the farther contact arc length, force along the clamp's y and z, and
-// friction angle; what the force has along x follows from that angle at the bent rod. give_m: as `Rod.clamp_give_m` in
-// Python. start: (B, 5) clamp moment in EI/L and forces along x in EI/L² to begin with. Gives nodes (B, 3·steps + 1,
-// 4, 3) as in shoot, over three segments that meet at the contacts, the solutions (B, 5), and what is left (B,).
+// friction angle; the force along x follows from that angle at the bent rod. give_m: as `Rod.clamp_give_m` in Python.
+// start: (B, 5) clamp moment in EI/L and forces along x in EI/L² to begin with. Gives nodes (B, 3·steps + 1, 4, 3) as
+// in shoot, over three segments that meet at the contacts, the solutions (B, 5), and the residuals (B,).
 struct TouchedTwice {
     Array<double, 4> nodes;
     Array<double, 2> solution;

@@ -20,7 +20,7 @@ struct Interval {
     double first, last;
 };
 
-// Where a ray is in a convex quadric, a·t² + 2·half_b·t + c < 0 inside; (∞, −∞) when it passes by.
+// The interval of t in which a ray is inside a convex quadric, a·t² + 2·half_b·t + c < 0; (∞, −∞) when it passes by.
 Interval quadric(double a, double half_b, double c) {
     double root = half_b * half_b - a * c;
     if (root < 0.0 || a <= 0.0) return {INFINITE, -INFINITE};
@@ -29,7 +29,7 @@ Interval quadric(double a, double half_b, double c) {
 
 Point side_of(const Body& body, int k) { return read<Point>(&body.sides(k, 0)); }
 
-// A convex body: behind all of its planes and inside its quadric.
+// First hit of a ray on a convex body: behind all of its planes and inside its quadric.
 Hit meet(const Body& body, const Point& start, const Point& ray) {
     Interval inside = {-INFINITE, INFINITE};
     int face = 0, round_sides = 0;
@@ -57,7 +57,7 @@ Hit meet(const Body& body, const Point& start, const Point& ray) {
     return {inside.first, side_of(body, face - round_sides), face};
 }
 
-// How far one may go on from a point without passing the drawn surface, as depth; the normal and the face there.
+// Safe step of sphere tracing from a point, as depth, with normal and face of the nearest surface.
 Hit room_at(const Body& body, const Point& offset) {
     if (body.object.kind == FREEFORM) {
         auto [value, slope] = elevation(offset, body.object.radius_m, body.object.bumps);

@@ -7,13 +7,13 @@
 
 namespace vbaa::simulate {
 
-// What is drawn of an object.
+// The drawn shape of an object.
 struct Body {
     Object object;
     ConstMatrix sides;  // (K, 4) half-spaces normal·(x − centre) ≤ offset
     Rotation across;    // projects on the directions across its axis
     double reach_m;     // radius about the centre that holds it
-    double steepest;    // how fast F grows at most along a way in a free form
+    double steepest;    // bound on the slope of F along any line, for a free form
 };
 
 // First hits of rays from one origin along directions (N, 3), world frame.
@@ -24,7 +24,7 @@ struct Hits {
 };
 Hits cast_rays(const Body& body, const Point& origin_m, ConstMatrix directions);
 
-// How much of the light on a hit comes back, stains included: `lights` (N,) of it arrive; zero for a miss.
+// Reflected light (N,) at each hit, stains included, from the arriving `lights` (N,); zero for a miss.
 Array<double, 1> shade(const Point& center_m, const Point& origin_m, ConstMatrix directions, ConstVector depths,
                        ConstVector lights);
 

@@ -20,7 +20,7 @@ struct Bump {
 
 Bump bump_of(ConstMatrix bumps, int k) { return read<Bump>(&bumps(k, 0)); }
 
-// By the offset from the nearest point of the core.
+// Surface at a radius around the core, by the offset from the core's nearest point.
 Surface grown(const Point& offset, double radius_m) {
     double away = norm(offset);
     return {away - radius_m, (away > 1e-15 ? 1.0 / away : std::numeric_limits<double>::quiet_NaN()) * offset};
@@ -112,7 +112,7 @@ double rough_distance(const Object& object, const Point& point_m) {
     return object.kind == FREEFORM ? from_freeform(offset, object.radius_m, object.bumps) : from_core(object, offset);
 }
 
-// Of each of points (K, 3): `of_point` gives distance or value, and normal or slope.
+// Applies `of_point`, which gives distance or value and normal or slope, to points (K, 3).
 template <class OfPoint>
 Surfaces of_each(ConstMatrix points_m, OfPoint of_point) {
     int count = points_m.shape[0];
@@ -148,7 +148,7 @@ Surfaces signed_distances(const Object& object, ConstMatrix points_m) {
 
 Array<double, 1> rough_distances(const Object& object, ConstMatrix points_m) {
     Array<double, 1> found(points_m.shape[0]);
-    // of its own, so that what does not change is known not to
+    // a local copy, so that the compiler knows that it does not change
     const Object copy = object;
     for (int i = 0; i < points_m.shape[0]; ++i) found[i] = rough_distance(copy, read<Point>(&points_m(i, 0)));
     return found;

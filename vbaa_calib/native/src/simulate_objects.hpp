@@ -33,7 +33,7 @@ struct Surfaces {
 };
 Surfaces signed_distances(const Object& object, ConstMatrix points_m);
 
-// Distances (K,) with the same order and sign, without a search.
+// Quantities (K,) that grow with the distance and have its sign, computed without a search.
 Array<double, 1> rough_distances(const Object& object, ConstMatrix points_m);
 
 // F of a free form at a point from its centre, and its gradient.

@@ -9,7 +9,7 @@ namespace vbaa::simulate {
 namespace {
 
 constexpr double AMBIENT = 0.45;
-// Pixels farther than this from the tube's edge, or samples so far outside of the picture, are of no account.
+// Distances beyond which pixels off the tube's edge, and samples outside the picture, are ignored.
 constexpr double ROOM_PX = 2.5, BEYOND_PX = 50.0;
 
 // A sample of the antenna's tube in the picture.
@@ -23,7 +23,7 @@ double summed_shading(double u, double asymmetry) {
     return AMBIENT * u + (1.0 - AMBIENT) * round_part + asymmetry * u * u / 2;
 }
 
-// Pixels around a tube, and the nearest of its samples of each, −1 where none is near.
+// Pixels around a tube, with the index of each one's nearest sample, −1 where none is near.
 struct Near {
     int left = 0, top = 0, columns = 0, rows = 0;
     std::vector<int> nearest;  // (rows · columns,)
@@ -69,14 +69,14 @@ Near nearest_samples(ConstMatrix curve, int width, int height) {
     return near;
 }
 
-// The pixel that stands for one beyond the border: the border's own first.
+// Index mirrored at the border; the border's own pixel is repeated.
 int mirrored(int place, int size) {
     if (place >= 0 && place < size) return place;
     const int within = (place % (2 * size) + 2 * size) % (2 * size);
     return within < size ? within : 2 * size - 1 - within;
 }
 
-// The same, where the border's own is not repeated.
+// Index mirrored at the border; the border's own pixel is not repeated.
 int reflected(int place, int size) {
     while (size > 1 && (place < 0 || place >= size)) place = place < 0 ? -place : 2 * (size - 1) - place;
     return size > 1 ? place : 0;
@@ -105,7 +105,7 @@ struct Blur {
     }
 };
 
-// Bits that look like chance, of any number: C. Wellons' triple32.
+// Hash of a number, C. Wellons' triple32, used as random bits.
 std::uint32_t hashed(std::uint32_t x) {
     x ^= x >> 17U;
     x *= 0xed5ad4bbU;
@@ -192,7 +192,7 @@ Array<float, 3> sheet_pixels(ConstCube padded, const Window& window, const Rotat
     constexpr float whole = 1.0F / 65535.0F;
     const float per_level = static_cast<float>(light) * whole;
     const int factor = window.factor, columns = window.columns * factor, rows = window.rows * factor;
-    // with two texels of nothing around it, so that what lies beyond needs no care
+    // with two empty texels around it, so that points beyond it need no test
     const int sheet_rows = texels.shape[0] + 4, sheet_columns = texels.shape[1] + 4;
     std::vector<std::uint32_t> sheet(static_cast<std::size_t>(sheet_rows) * sheet_columns);
     for (int r = 0; r < texels.shape[0]; ++r)
@@ -269,7 +269,7 @@ Array<float, 2> blurred_change(ConstPicture canvas, ConstPicture brightness, Con
         while (last > first && own[last - 1] == 0.0F && part[last - 1] == 0.0F) --last;
         if (first == last) continue;
         there[row] = 1;
-        // pixels that the row has a part in, and those that it has an influence on
+        // pixels that the row lies in, and those that its blur reaches
         const int inner = first / factor, outer = (last + factor - 1) / factor;
         const int begin = std::max(inner - before - 1, 0), end = std::min(outer + before + 1, columns);
         const float v = (static_cast<float>(row) + 0.5F) / static_cast<float>(factor) - 0.5F;

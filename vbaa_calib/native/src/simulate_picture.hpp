@@ -28,8 +28,8 @@ struct Window {
 Array<float, 3> sheet_pixels(ConstCube padded, const Window& window, const Rotation& texel_from_ray,
                              View<const std::uint16_t, 3> texels, double light);
 
-// (rows, columns) by how much a patch of sub-pixels changes the blurred picture of a canvas that it stands in front of:
-// its brightness (rows·factor, columns·factor), weighted with the part that it covers, and that part.
+// (rows, columns) change of a canvas' blurred picture by a patch of sub-pixels in front of it: brightness (rows·factor,
+// columns·factor), weighted with the part that it covers, and that part.
 Array<float, 2> blurred_change(ConstPicture canvas, ConstPicture brightness, ConstPicture covered, const Window& window,
                                double sigma_px);
 

@@ -46,10 +46,10 @@ struct Trials {
     Vectors moment_Nm;
     Lanes arclength_m, press_N;
     Vectors grip_N, place_m, normal, point_m, tangent, way_m, axes[2], tip_moment_Nm;
-    Lanes gap_m;  // from where the centreline should be to the place
+    Lanes gap_m;  // from the centreline's required position to the place
 };
 
-// Distances and normals at eight places, of which most are the first again.
+// Distances and normals at eight places, most of which repeat the first.
 Lanes distances(const Object& object, const Vectors& places, Vectors& normals) {
     Lanes found;
     Surface first = {};
@@ -220,7 +220,7 @@ Advanced advance(const antenna::Rod& rod, const Object& object, const Touching& 
         std::array<Lanes, UNKNOWNS> last;
         for (int i = 0; i < UNKNOWNS; ++i) last[i] = spread(x[i]);
         Trials at = tried(step, last);
-        // what the grip's own spring gives way is slip too
+        // the deflection of the grip's own spring is slip, too
         Point give = (x[8] - grip.first) * lane(at.axes[0], 0) + (x[9] - grip.second) * lane(at.axes[1], 0);
         Held held = {lane(at.moment_Nm, 0), at.arclength_m[0],   at.press_N[0],
                      lane(at.grip_N, 0),    lane(at.place_m, 0), lane(at.normal, 0),

@@ -33,8 +33,8 @@ struct Pair {
     double first, second;
 };
 
-// What decides on a grip about which the way Δu = way + give·(g − now) and the normal force press + lift·(g − now) are
-// linear, in units that belong together.
+// Linearisation about a grip `now`, in consistent units: slip Δu = way + give·(g − now), normal force press + lift·(g −
+// now).
 struct GripLaw {
     Pair now, pull;  // pull: g before − K way + K give·now
     Pair spring[2];  // K give

@@ -13,10 +13,10 @@ namespace vbaa {
 // Rows of the tabled splines, linear in between: a curve costs no more, however many points it goes through.
 constexpr int TABLE = 256;
 
-// What a running mean takes to be beyond the ends: zeros; the last value again; the values mirrored.
+// Values that a running mean assumes beyond the ends: zeros; the last value; the mirrored values.
 enum class Beyond { zeros, end_value, mirrored };
 
-// A fitted curve: its values (N,) at the places that were fitted, and its values all along.
+// A fitted curve: its values (N,) at the fitted places, and a table of it over the whole way.
 struct SmoothCurve {
     Array<double, 1> values;
     std::array<double, TABLE> table;
@@ -35,7 +35,8 @@ Array<double, 1> smooth_at(const SmoothCurve& curve, ConstVector share);
 // is replaced, and the solutions take the place of the sides.
 void solve_definite(Matrix matrix, Matrix sides);
 
-// Means of `size` neighbours each, of an even number one more before than after; into (N,), which is no part of values.
+// Means of `size` neighbours each, for an even size with one more before than after; `means` (N,) must not overlap
+// `values`.
 void running_mean(ConstVector values, int size, Beyond beyond, Vector means);
 Array<double, 1> running_mean(ConstVector values, int size, Beyond beyond);
 
@@ -49,7 +50,7 @@ double quantile(ConstVector values, double share);
 // The upper median of values (N,), N > 0.
 double median(ConstVector values);
 
-// The value at a place of what is linear between ascending places (N,), N > 0, with values (N,), constant beyond them.
+// Linear interpolation of values (N,) at ascending places (N,), N > 0; constant beyond them.
 double interpolated(ConstVector places, ConstVector values, double at);
 
 }  // namespace vbaa

@@ -1,7 +1,8 @@
 // How stiffness and weight change along an antenna that is not uniform, relative to its clamp's.
 //
 // Pieces, between which they may jump; on each the diameter is linear in the arc length, and so is a root of the
-// stiffness: the fourth where the diameter says it, the first where it is known itself. Places are in antenna lengths.
+// stiffness: the fourth where it follows from the diameter, the first where it is known itself. Places are in antenna
+// lengths.
 #pragma once
 
 #include "arrays.hpp"
@@ -36,7 +37,7 @@ struct Taper {
     explicit operator bool() const { return count > 0; }
 };
 
-// Of pieces (P, 7) that follow each other from 0 to 1; none: uniform.
+// The taper of pieces (P, 7) that follow each other from 0 to 1; none: uniform.
 Taper taper_of(ConstMatrix pieces);
 
 // Whether these pieces are sound: in order, all numbers positive, and few enough.
@@ -68,7 +69,7 @@ inline double deflection(const Taper& taper, double along, double contact) {
     const Integrals at = integrals_at(taper, near);
     return along * contact * at.c - (along + contact) * at.cx + at.cxx;
 }
-// How that deflection goes with the contact's place.
+// Derivative of that deflection by the contact's place.
 inline double deflection_by_contact(const Taper& taper, double along, double contact) {
     const double near = along < contact ? along : contact;
     if (!taper) return 0.5 * near * (2.0 * along - near);

@@ -15,7 +15,7 @@ struct Vec3 {
 };
 
 using Point = Vec3<double>;
-// Of eight problems at once.
+// Vectors of eight problems at once.
 using Vectors = Vec3<Lanes>;
 
 template <class A, class B>
@@ -70,7 +70,7 @@ inline void set_lane(Vectors& a, int i, const Point& value) {
     a.z[i] = value.z;
 }
 
-// Put its numbers into an array from a place on.
+// Copies a vector's numbers into an array, from a place on.
 template <class T, std::size_t N>
 void set(std::array<T, N>& values, int first, const Vec3<T>& a) {
     values[first] = a.x;
@@ -86,7 +86,7 @@ struct Rotation {
     Vec3<T> turned(const Vec3<T>& a) const {
         return {dot(rows[0], a), dot(rows[1], a), dot(rows[2], a)};
     }
-    // by the inverse
+    // rotation by the inverse
     template <class T>
     Vec3<T> turned_back(const Vec3<T>& a) const {
         return a.x * rows[0] + a.y * rows[1] + a.z * rows[2];

@@ -15,7 +15,7 @@ namespace vbaa {
 
 namespace nb = nanobind;
 
-// Raise ValueError for what would be accessed outside its memory.
+// Raise ValueError where a rule on an array's size does not hold: numbers outside its memory would be accessed.
 inline void require(bool holds, const char* rule) {
     if (!holds) throw nb::value_error(rule);
 }
@@ -83,7 +83,7 @@ View<T, N> attribute(nb::handle object, const char* name) {
     return found;
 }
 
-// The structures of a NumPy array of them, and of as many, unless that is any number.
+// A view of a NumPy array of structures; checked for its length, unless any is allowed.
 template <class Row>
 View<Row, 1> structures(nb::handle array, int count = -1) {
     Py_buffer buffer;
@@ -106,14 +106,14 @@ T number(nb::handle object, const char* name) {
     return found;
 }
 
-// The result of some work, done without the interpreter's lock.
+// The result of a function that runs without the interpreter's lock.
 template <class Work>
 auto unlocked(const Work& work) {
     const nb::gil_scoped_release release;
     return work();
 }
 
-// A new array for Python, which keeps what the core has made; as another kind of number of the same size, if asked for.
+// A NumPy array that owns one of the core's arrays; on request as another kind of number of the same size.
 template <class As, class T, int N>
 Numpy<As, N> to_numpy_as(Array<T, N>&& made) {
     static_assert(sizeof(As) == sizeof(T));
@@ -161,7 +161,7 @@ struct type_caster<vbaa::Numpy<T, N>> {
 
 }  // namespace nanobind::detail
 
-// What binds a room: a submodule of the module that Python imports.
+// Functions that bind one room each, as a submodule of the module that Python imports.
 namespace vbaa {
 
 void bind_lens(nb::module_& module);

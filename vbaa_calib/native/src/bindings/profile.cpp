@@ -16,7 +16,7 @@ void require_pixels(double width_px, double blur_px, int reach_px) {
             "width, blur and reach are 0 to 1000 px");
 }
 
-// Fields of a Centreline but for the verdict, what else `acceptance.accepted` needs, and how lopsided the line is.
+// Fields of a Centreline except the verdict, further input of `acceptance.accepted`, and how lopsided the line is.
 nb::object answer(detect::MeasuredLine&& found) {
     const auto& line = found.line;
     auto& seen = found.evidence;

@@ -18,7 +18,7 @@ namespace {
 
 using detect::Crossings;
 
-constexpr int LONG = 1'000'000;  // so many values no run has
+constexpr int LONG = 1'000'000;  // longer than any run of values
 
 void require_pixels(double px) { require(px >= 0.0 && px < 1e4, "a width or reach is 0 to 10000 px"); }
 

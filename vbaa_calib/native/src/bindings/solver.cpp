@@ -26,7 +26,7 @@ using solver::Rig;
 using solver::UNKNOWNS;
 using Released = nb::gil_scoped_release;
 
-// Fields of one shape, by name.
+// Declares fields of one shape, by name.
 template <class T, std::size_t N, class... More>
 void read(nb::handle object, std::array<int, N> shape, const char* name, View<T, static_cast<int>(N)>& target,
           More&&... more) {
@@ -35,7 +35,7 @@ void read(nb::handle object, std::array<int, N> shape, const char* name, View<T,
     if constexpr (sizeof...(more) > 0) read(object, shape, more...);
 }
 
-// Numbers of fields, by name.
+// Copies numbers from fields, by name.
 template <class T, class... More>
 void read_numbers(nb::handle object, const char* name, T& target, More&&... more) {
     target = number<T>(object, name);
@@ -215,7 +215,8 @@ nb::dict reported_described() {
 
 using Strided = nb::ndarray<const double, nb::ndim<2>, nb::device::cpu>;
 
-// points, their deviations, readings, ends, gravity, and of several cameras which sees each point and each end
+// The arguments of `frames_from_pixels`: points, their standard deviations, readings, ends, gravity; with several
+// cameras the indices of those that see each point and each end.
 solver::Pixels pixels_of(const Rig& rig, const nb::tuple& measured) {
     require(measured.size() == 5 || measured.size() == 7, "pixels are five arrays, or seven of several cameras");
     const auto points = nb::cast<InCube>(measured[0], false);
@@ -245,7 +246,7 @@ solver::Pixels pixels_of(const Rig& rig, const nb::tuple& measured) {
     return pixels;
 }
 
-// For usual frames, for all, and exact.
+// The rigs for usual frames, for all frames, and without uncertainty.
 solver::Rigs rigs_of(const nb::tuple& rigs_) {
     require(rigs_.size() == 3, "rigs must be three");
     const auto rig = [&](int index) -> const Rig& { return nb::cast<const Rig&>(rigs_[index]); };
@@ -289,7 +290,7 @@ solver::Limits limits_of(nb::handle object) {
     return found;
 }
 
-// Statuses and what was noticed of fits.
+// Statuses of fits, and the bits of what was noticed.
 struct JudgedRows {
     Numpy<std::int64_t, 1> status;
     Numpy<std::uint64_t, 1> noticed;
@@ -307,7 +308,7 @@ auto judge(const solver::Limits& limits, nb::handle numbers) {
     return std::make_pair(found.status, found.noticed);
 }
 
-// units: the antenna's length, friction's deviation, the moment that is one of the sensor's
+// units: the antenna's length, the standard deviation of the friction angle, and that of the moment
 auto report(const solver::Limits& limits, nb::handle numbers_, InCube rotation, InMatrix translation_m,
             const std::tuple<double, double, double>& units, nb::handle reported) {
     const auto numbers = structures<const solver::Numbers>(numbers_);
@@ -322,16 +323,16 @@ auto report(const solver::Limits& limits, nb::handle numbers_, InCube rotation, 
     return std::make_pair(found.status, found.noticed);
 }
 
-// How frames of a rig with one camera are fitted one by one.
+// Constants of fitting single frames of a rig with one camera.
 struct Single {
     solver::Rigs rigs;
     solver::Limits limits;
     int rung, axes;                            // of the rig's errors
-    double width, height, sigma_px;            // of its pictures
-    double length_m, friction_rad, moment_Nm;  // the antenna's, friction's deviation, that of a moment
+    double width, height, sigma_px;            // of its pictures, and a point's usual standard deviation
+    double length_m, friction_rad, moment_Nm;  // length of the antenna; σ of friction angle and moment
 };
 
-// Fits and reports a frame. Gives its status and whether there is nothing to remark; none, where points are out of
+// Fits and reports a frame. Returns its status and whether there is nothing to remark; None where points are out of
 // order or outside the picture, or the fit is doubted.
 nb::object fit_single(const Single& single, InMatrix points, const std::pair<double, double>& moments_Nm,
                       InCube rotation, InMatrix translation_m, InMatrix gravity_m_s2,

@@ -1,4 +1,4 @@
-// What a surface between contacts is made of.
+// Prior covariances of a surface between contacts.
 #include "matern.hpp"
 #include "numpy.hpp"
 

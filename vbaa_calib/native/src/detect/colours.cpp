@@ -8,12 +8,12 @@
 namespace vbaa::detect {
 namespace {
 
-// The fewest points from which the light follows.
+// The fewest points from which the brightness of the light is estimated.
 constexpr int LEAST_POINTS = 20;
-// Limits of its brightness, over that in the light, where an antenna may lie in a shadow; a quantile of how far its hue
-// is off in the light, and how many times that it may be off in a shadow.
+// SHADE: limits of a shadowed antenna's brightness over that in the light. TINT: the quantile of its hue's error in the
+// light, and the multiple of that which is allowed in a shadow.
 constexpr double SHADE[2] = {0.33, 1.15}, TINT[2] = {0.9, 2.0};
-// Share of the line, from the clamp, that shows how brightly it is lit; limits of that factor.
+// ROOT: share of the line, from the clamp, from which its lighting is estimated. LIGHT: limits of that factor.
 constexpr double ROOT = 0.4, LIGHT[2] = {0.6, 1.7};
 
 int nearest_pixel(double place, int size) {
@@ -85,7 +85,7 @@ Foreign foreign(const Picture& picture, double level, ConstMatrix points, ConstV
         const double size = std::max(squares[n], 1e-9);
         const double local = std::min(std::max(lit[n] / size, SHADE[0] * light), SHADE[1] * light);
         for (int c = 0; c < 3; ++c) found.hue[n] += square(means(c, n) - local * usual(c, n));
-        // what noise there is counts more where it is darker
+        // noise weighs more where it is darker
         tint[n] = std::sqrt(found.hue[n] / (size * local * light));
         found.hue[n] = std::sqrt(found.hue[n]) / (local * usual(3, n));
         if (found.off[n] < MOSTLY_FOREIGN) alike.push_back(tint[n]);

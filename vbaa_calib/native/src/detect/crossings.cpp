@@ -31,7 +31,7 @@ Crossings empty(int count, int length) {
     return found;
 }
 
-// What only this file writes: nothing else has a copy yet.
+// A writable view of a constant one, for arrays that only this file writes and that have no copies yet.
 Matrix writable(ConstMatrix values) { return {const_cast<double*>(values.data), values.shape}; }
 
 // The pixel nearest to a place, far outside of any picture for what is no number or too large.
@@ -159,7 +159,7 @@ void distances(const Crossings& found, int n, double centre, Vector across) {
 void in_width(Crossings& found, int n, double width, double growth) {
     found.stretch[n] *= width;
     found.bow[n] /= width;
-    // what doubles within a pixel is no line
+    // a spacing that doubles within a pixel is not a line's
     if (std::abs(growth) < 1.0) found.bow[n] -= growth * found.slant[n] / found.stretch[n];
 }
 

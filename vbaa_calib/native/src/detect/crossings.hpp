@@ -22,7 +22,7 @@ struct Crossings {
     Array<unsigned char, 1> inside;                               // (N,) whether the whole profile is in the picture
     ConstMatrix across;                                           // (N, T) distance along the profile from the path, px
     ConstMatrix profiles;                                         // (N, T) grey levels, zero where not inside
-    std::shared_ptr<const std::array<Array<double, 2>, 2>> kept;  // what `across` and `profiles` show
+    std::shared_ptr<const std::array<Array<double, 2>, 2>> kept;  // owner of the memory of `across` and `profiles`
 };
 
 // Profiles of 2·half + 1 pixels of a picture's channel across a path (K, 2), times `sign` (−1 for a dark line).
@@ -42,17 +42,17 @@ Array<double, 1> shares(const Crossings& found);
 // Distances of profile n's pixels from a line through its `centre`, px, positive along the normal: into (T,).
 void distances(const Crossings& found, int n, double centre, Vector across);
 
-// Distances of profile n in widths of a line of this width there, which grows by this part of itself per px along it:
-// where a profile crosses it at a slant it meets one edge where the line is broader.
+// Distances of profile n in units of the line's width, which is `width` there and grows by `growth` of itself per px
+// along the line: a profile that crosses it at a slant meets one edge where the line is broader.
 void in_width(Crossings& found, int n, double width, double growth);
 
-// How a line's width changes on its way: by this part of it from start to end, and `bend` times the square of the share
-// of the way, from its middle. Perspective makes the nearer end grow faster.
+// How a line's width changes: by `part` of it from start to end, and by `bend` times the square of the share of the way
+// from the middle. Perspective makes the nearer end grow faster.
 struct Taper {
     double part = 0.0, bend = 0.0;
 };
 
-// The same with distances in widths of a line that tapers.
+// The crossings with distances in units of the width of a line that tapers.
 Crossings tapered(Crossings found, const Taper& taper);
 
 // (N, 2) the points moved along their profiles by (N,).

@@ -10,12 +10,12 @@ namespace {
 
 // Log odds of a place outside the picture.
 constexpr float OUTSIDE = -1e4F;
-// Windows across, in widths from the middle line: the ribbon's is so wide to each side, a flank's middle is so far off
-// and so wide to each side.
+// Windows across the ribbon, in its widths: half width of the inner one; distance of a flank's middle from the
+// ribbon's, and half width of a flank.
 constexpr double INNER = 0.3, FLANK = 1.0, FLANK_HALF = 0.25;
-// Part of a window that must be within the picture.
+// Share of a window that must be within the picture.
 constexpr float MOST = 0.6F;
-// Pixels with correlated errors, as pictures are smoothed.
+// Number of pixels with correlated errors, since cameras smooth pictures.
 constexpr double TOGETHER = 4.0;
 
 // Columns that are worked on at once.
@@ -59,8 +59,8 @@ void sums(const float* row, int off, int half, int count, float* __restrict to) 
         for (int i = 0; i < count; ++i) to[i] += first[i + k];
 }
 
-// Sums over windows of one direction at one row, a row each of colours, of the first one's square, and of what is
-// known.
+// Sums over windows of one direction at one row: a row for each colour, for the square of the first, and for the number
+// of known pixels.
 struct Sums {
     Array<float, 2> line;                  // along the step
     Array<float, 2> inner, before, after;  // over the windows, in columns of blocks
@@ -106,7 +106,7 @@ void weigh(const Sums& sums_of, int at, const Windows& windows, const RibbonMode
     scatter(sums_of.inner, n, own);
     scatter(sums_of.before, m, left);
     scatter(sums_of.after, m, right);
-    // where between both flanks' colours the ribbon's is nearest to
+    // position between the two flanks' colours that is nearest to the ribbon's
     std::fill(along, along + BLOCK, 0.0F);
     std::fill(length, length + BLOCK, 1e-3F);
     for (int c = 0; c < channels; ++c) {
@@ -125,7 +125,7 @@ void weigh(const Sums& sums_of, int at, const Windows& windows, const RibbonMode
         const auto noise = static_cast<float>(model.noise[c] * model.noise[c]) * together * (n + m) +
                            2.0F * static_cast<float>(model.shading[c] * model.shading[c]);
         const auto spread = static_cast<float>(2.0 * model.spread[c] * model.spread[c]);
-        // scatter within windows is known of the first channel, and counts less in the others
+        // the scatter within windows is known only for the first channel; in the others it counts less
         const float share = c == 0 ? 1.0F : 0.1F;
         for (int i = 0; i < BLOCK; ++i) difference[i] = inner[i] * n - before[i] * m;
         for (int i = 0; i < BLOCK; ++i) variance[i] = noise + share * (own[i] + left[i]);

@@ -14,7 +14,7 @@ constexpr double DIRECTION_STEP = 0.09817477042468103;  // π/32
 // By how much a direction is off straight down, in radians.
 constexpr double slant_of(int direction) { return (direction - 0.5 * (DIRECTIONS_DOWN - 1)) * DIRECTION_STEP; }
 
-// What a ribbon and its background are supposed to be like; grey levels.
+// Assumptions about a ribbon and its background; grey levels.
 struct RibbonModel {
     double width_px = 0.0;
     ConstVector noise;    // (channels,) standard deviation of a pixel
@@ -26,9 +26,9 @@ struct RibbonModel {
     double gap = 0.0;     // least log odds: the ribbon may be hidden
 };
 
-// Log odds (steps, directions, columns) for each width of length that a ribbon in planes (channels, H, W) goes in a
-// direction through a column of a step's middle row. Places outside the picture are no ribbon's; those of which a flank
-// is outside have log odds 0 at most.
+// Log odds (steps, directions, columns), per width of length, that a ribbon in planes (channels, H, W) runs in a
+// direction through a column of a step's middle row. Places outside the picture are excluded; those with a flank
+// outside have log odds of 0 at most.
 Array<float, 3> ribbon_evidence(View<const float, 3> planes, const RibbonModel& model);
 
 }  // namespace vbaa::detect

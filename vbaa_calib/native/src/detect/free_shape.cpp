@@ -9,12 +9,13 @@
 namespace vbaa::detect {
 namespace {
 
-// Steps of the fit; one that leaves more than this part of the misfit is the last. Floor of its damping.
+// SHAPE_STEPS: steps of the fit, most. CONVERGED: share of the misfit that a step leaves from which it is the last.
+// LEAST_DAMPING: floor of the damping.
 constexpr int SHAPE_STEPS = 14;
 constexpr double CONVERGED = 0.95, LEAST_DAMPING = 1e-3;
 // Largest change of an unknown in a step.
 constexpr double LARGEST_STEP = 0.5;
-// So far along the last segment, over its length, a point lies beyond the tip: a blurred end is a little longer.
+// Position along the last segment, over its length, from which a point lies beyond the tip: blur lengthens an end.
 constexpr double BEYOND = 1.5;
 
 using Unknowns = std::array<double, SHAPE_UNKNOWNS>;
@@ -68,15 +69,15 @@ void bend(const FreeShape& free, const Unknowns& unknowns, BentShape& shape) {
     }
 }
 
-// Normal equations of what moves the curve, of the matrix the lower half.
+// Normal equations of the unknowns; lower half of the matrix.
 struct Normal {
     double matrix[SHAPE_UNKNOWNS * SHAPE_UNKNOWNS] = {}, side[SHAPE_UNKNOWNS] = {};
 
     double& at(int a, int b) { return matrix[a * SHAPE_UNKNOWNS + b]; }
 };
 
-// Mean square of the distances of points (N, 2) from a curve over their variances (N,), of those beyond its end from
-// the end; with the normal equations of that.
+// Mean square of the distances of points (N, 2) from a curve over their variances (N,), points beyond its end count
+// from the end; and its normal equations.
 double distance_from(const BentShape& shape, ConstMatrix seen, ConstVector variance, Normal& normal) {
     const int last = shape.curve.shape[0] - 2;
     double total = 0.0;

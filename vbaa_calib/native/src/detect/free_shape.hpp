@@ -23,7 +23,7 @@ struct FreeShape {
 double misfit(const FreeShape& free, ConstMatrix seen, ConstVector variance, ConstVector allowed, double enough,
               ConstMatrix starts);
 
-// Means (M, 2) of runs of points (N, 2), at most so many, and their variances (M,).
+// Means (M, 2) of runs of points (N, 2), for a largest M, and their variances (M,).
 struct Runs {
     Array<double, 2> means;
     Array<double, 1> variance;

@@ -15,7 +15,7 @@ constexpr std::array<double, 9> BLURS_PX = {0.45, 0.6, 0.8, 1.0, 1.3, 1.7, 2.2, 
 constexpr double KNOT_PX = 0.85;       // spacing of the splines' knots: finer than the point spread of an ordinary lens
 constexpr double BEND_PENALTY = 1e-3;  // of a learned shape's coefficients, over the mean weight of a bin
 
-// Profiles of so many pixels in whole lanes, zeros behind them.
+// Profiles padded with zeros to whole lanes.
 struct Pixels {
     int length, padded;
     double per_spread;
@@ -27,7 +27,7 @@ struct Pixels {
         for (int t = 0; t < length; ++t) kept(0, t) = 1.0, kept(1, t) = t - 0.5 * (length - 1);
         ones = kept.row(0).data, offset = kept.row(1).data;
     }
-    // Takes level and slope off a row.
+    // Subtracts level and slope from a row.
     void remove_background(double* row) const {
         Lanes level = {}, slope = {};
         for (int t = 0; t < padded; t += LANES) {
@@ -208,7 +208,7 @@ CrossSection learn(const Binned& seen, const Shapes& known) {
     }
     constexpr std::array<double, 3> second = {1.0, -2.0, 1.0};
     const double whole = total(seen.number), bend = BEND_PENALTY * whole / count;
-    // level where no profile reaches, as of lines that are crossed at a slant
+    // constant beyond the reach of all profiles, as with lines that are crossed at a slant
     const double few = 0.01 * whole / several;
     std::vector<std::array<int, 2>> level;
     for (int i = several / 2; i < several; ++i)
@@ -268,7 +268,7 @@ Fits fit(const CrossSection& section, const Crossings& found, ConstVector centre
         const double vb = sum(sums[5]), sb = sum(sums[6]), determinant = std::max(vv * ss - vs * vs, 1e-9);
         const double height = (ss * vy - vs * sy) / determinant, product = (vv * sy - vs * vy) / determinant;
         const double per_height = 1.0 / (std::abs(height) > 1e-6 ? height : 1e-6);
-        // the step, less what height and place make of it
+        // the step, with the effect of height and place removed
         const double moved = (vv * sb - vs * vb) / determinant, left = (ss * vb - vs * sb) / determinant;
         Lanes squares = {}, powers = {}, steps = {};
         for (int t = 0; t < padded; t += LANES) {
@@ -313,7 +313,7 @@ Observed observed(const CrossSection& section, const Crossings& found, ConstVect
             sums[0] += v * v, sums[1] += v * w, sums[2] += w * w, sums[3] += r * v, sums[4] += r * w;
         }
         const double vv = sum(sums[0]), vw = sum(sums[1]), ww = sum(sums[2]), rv = sum(sums[3]), rw = sum(sums[4]);
-        // less what the height makes of it
+        // with the effect of the height removed
         const double information = (ww - vw * vw / vv) * square(fits.height[n]);
         const double toward = (rw - rv * vw / vv) * fits.height[n];
         const double along = share[n] - 0.5, terms[3] = {1.0, along, along * along - 1.0 / 12.0};
@@ -324,7 +324,7 @@ Observed observed(const CrossSection& section, const Crossings& found, ConstVect
     }
     const double prior = std::max(square(central(selected(fits.rms, chosen)) / TAPER_STD), 1e-9);
     const double whole = std::max(informed[0][0], 1e-9);
-    // less what the width makes of it
+    // with the effect of the width removed
     const auto left = [&](int i, int j) {
         return informed[i][j] - informed[i][0] * informed[0][j] / whole + (i == j ? prior : 0.0);
     };

@@ -16,10 +16,10 @@ namespace {
 
 // Directions may change by so many in a step.
 constexpr int TURN = 5;
-// Places that are reached in one search, at most: 100 MB; and where a path may end anywhere.
+// Places reached in one search, most: 100 MB. MOST_ALONE: the same for paths that may end anywhere.
 constexpr std::size_t MOST_REACHED = 4'000'000, MOST_ALONE = 80'000;
 constexpr int NOWHERE = -1;
-// Directions on either side of a cut one that are cut with it: no path turns over all of them at once.
+// Directions on either side of a cut one that are cut with it: more than a path can turn in one step.
 constexpr int CUT = 3;
 
 // A place and direction of a path: down or up a picture (way 1 or -1), or of the transposed one (`across`) to the right
@@ -32,7 +32,7 @@ struct State {
 struct Reached {
     std::size_t state = 0;
     int before = NOWHERE;
-    float cost = 0.0F;  // what the path lacks of enough evidence, and what its turns cost
+    float cost = 0.0F;  // evidence that the path lacks, and the cost of its turns
     float sum = 0.0F;   // evidence less turns
     float peak = 0.0F;  // most of that along the path
     bool done = false;
@@ -59,7 +59,8 @@ class Lattice {
         return at.across ? std::array{along, other} : std::array{other, along};
     }
 
-    // The best path from some states to near one of the places, or to where its evidence is largest; NOWHERE if none.
+    // Index of the end of the best path from some states to the vicinity of one of the places, or to where its evidence
+    // is largest; NOWHERE if none.
     int search(const std::vector<State>& starts, ConstMatrix ends) {
         for (const Reached& each : _reached) _slot[each.state] = NOWHERE;
         _reached.clear();
@@ -160,7 +161,7 @@ class Lattice {
         return _taken(static_cast<int>(y), static_cast<int>(x)) != 0;
     }
 
-    // What is near a path, but for what is near the ends that all have, is no other path's.
+    // Reserves the places near a path, except near ends that all paths share: no other path may use them.
     void take(const std::vector<State>& path, ConstMatrix starts, ConstMatrix ends) {
         const int reach = static_cast<int>(_rules.apart_px);
         for (const State& each : path) {
@@ -186,12 +187,12 @@ class Lattice {
         return at;
     }
 
-    // No other path goes by a path's weakest place in its direction there; false if there is none between its ends.
+    // Closes a path's weakest place to other paths in the same direction; false if there is none between its ends.
     bool cut(int at, ConstMatrix starts, ConstMatrix ends) {
         std::vector<int> path;
         for (; at != NOWHERE; at = _reached[at].before) path.push_back(at);
         constexpr int steps = 2;  // to either side
-        float most = 1.0F;        // what they lack at least
+        float most = 1.0F;        // what a place lacks of full evidence, least
         const State* weakest = nullptr;
         State found{};
         for (std::size_t i = steps; i + steps < path.size(); ++i) {
@@ -243,7 +244,8 @@ class Lattice {
         return _within(places, x, y, _rules.tolerance_px + 0.5 * ROW_STEP);
     }
 
-    // A path comes to a state, after another, by a turn of so much and so much of the evidence there.
+    // Extends a path from one state to the next: `turn` is the change of direction, `length` the share of the evidence
+    // that counts.
     void _reach(const State& at, int before, float turn, float length) {
         const View<const float, 3>& chart = _charts[at.across];
         float evidence = chart(at.row, at.direction, at.column);
@@ -278,8 +280,8 @@ class Lattice {
         return static_cast<float>(_rules.length_cost) + std::max(0.0F, static_cast<float>(_rules.enough) - evidence);
     }
 
-    // From each place the least cost of a path to an end, were turns free: an A* search's heuristic. Infinite where
-    // that is beyond the bound.
+    // Heuristic of the A* search: from each place the least cost of a path to an end if turns cost nothing; infinite
+    // beyond the bound.
     void _look_ahead(ConstMatrix ends) {
         std::priority_queue<std::pair<float, std::size_t>, std::vector<std::pair<float, std::size_t>>, std::greater<>>
             queue;
@@ -307,7 +309,7 @@ class Lattice {
                 for (int shift = _columns[k][0]; shift <= _columns[k][1]; ++shift)
                     for (const int way : {-1, 1}) come({at.across, 1, at.row - way, 0, at.column - way * shift}, more);
             }
-            // where paths at 45° come from the other picture, as they go on to it
+            // where paths at 45° enter from the other picture, and leave to it
             for (int column = at.row * ROW_STEP; column < (at.row + 1) * ROW_STEP; ++column)
                 for (const int sign : {-1, 1}) {
                     const int along = at.column - ROW_STEP / 2 - sign * (at.row * ROW_STEP + ROW_STEP / 2 - column);
@@ -331,7 +333,7 @@ class Lattice {
                 }
             }
         if (from.direction % (DIRECTIONS_DOWN - 1) != 0) return;
-        // at 45° the same direction is one of the transposed picture: a little along it there is a row of that
+        // at 45° the same direction exists in the transposed picture: its next row is a little further along
         const int sign = from.direction == 0 ? -1 : 1;
         const View<const float, 3>& other = _charts[!from.across];
         const int next = from.column / ROW_STEP;

@@ -9,15 +9,15 @@ namespace {
 
 constexpr double SEEN_RATIO = 4.5;  // least height over its standard deviation for a profile to count as seen
 constexpr double LEAST_CLEAN =
-    0.3;                      // with fewer undisturbed, disturbed ones are kept, with the deviations they deserve
+    0.3;                      // with fewer undisturbed ones, disturbed ones are kept with larger standard deviations
 constexpr int MARGIN_PX = 2;  // dropped on either side of a gap: they show part of what hides the antenna
 constexpr int TRAINING_PROFILES = 100;  // that the cross-section is learned from, about
 constexpr double ALIKE = 0.8;           // length of the mean phase on the pixel grid above which profiles lie alike
 constexpr double LOPSIDED = 0.012;      // difference of its sides, over its height, that is too much for a broad line
 constexpr double FLANKED_PX = 5.0;      // that is broader than this: its two edges are measured
-constexpr double PULLED = 0.05;  // part of the width by which a faint highlight pulls it, half of it as deviation
-// An object's edge next to the antenna shifts about so many neighbouring points alike: what a step of the background
-// behind the line would move them by, on average, is doubt where it exceeds so many of its own deviations.
+constexpr double PULLED = 0.05;         // part of the width by which a faint highlight may displace it, at two σ
+// An object's edge next to the antenna shifts about this many neighbouring points alike. The mean shift by a step of
+// the background behind the line is added as an error where it exceeds EDGE_NOTICED of its own standard deviations.
 constexpr int EDGE_RUN = 21;
 constexpr double EDGE_NOTICED = 3.0;
 constexpr int STRAY_PIECES = 24;     // of the curve that strays are detected by
@@ -95,18 +95,18 @@ double phase_alike(const Crossings& some, const Flags& chosen) {
     return std::hypot(cosines, sines) / count(chosen);
 }
 
-// What is learned of a symmetric cross-section.
+// A learned symmetric cross-section, with the line's course.
 struct Learned {
     CrossSection section;
     Crossings found;        // in widths of a line that broadens
     Numbers curve;          // (N,) the line's course, px
-    double pulled = 0.0;    // by how much a highlight may pull the line, px
-    double lopsided = 0.0;  // the same of a broad line so lopsided that a symmetric one does not fit it
+    double pulled = 0.0;    // px by which a highlight may displace the line
+    double lopsided = 0.0;  // the same for a broad line too lopsided for a symmetric cross-section
 };
 
-// The cross-section of some of the profiles. At first an antenna in focus; then one at the blur that is seen; then
-// whatever the profiles show. Where all of them lie alike on the pixel grid, a free shape and a shift could not be
-// separated, and the second is kept. The shape is broader where the antenna is nearer to the camera.
+// Learns the cross-section from some of the profiles in three steps: an antenna in focus; one at the measured blur; any
+// symmetric shape. Where all profiles lie alike on the pixel grid, a free shape and a shift cannot be separated, and
+// the second step's result is kept. The shape is broader where the antenna is nearer to the camera.
 Learned learned_section(const Crossings& found, const Measuring& how) {
     const int count_all = found.along.size(), reach = found.profiles.shape[1] / 2 + 2;
     Learned learned = {how.shapes.ordinary, found, Numbers(count_all)};
@@ -171,7 +171,8 @@ Lines symmetric_lines(Learned learned, const Measuring& how) {
     return lines;
 }
 
-// Which profiles show the antenna well enough, which of them show nothing else next to it, which show it at all.
+// Masks of the profiles: those that show the antenna well enough, those of them without anything else next to it, and
+// those that show it at all.
 struct Selection {
     Flags kept, clean, seen;
 };
@@ -240,9 +241,9 @@ Numbers smooth_course(const Crossings& found, const Lines& lines, const Numbers&
         .values;
 }
 
-// Sets the line's deviations to how the kept points scatter about a smooth curve. A profile's residuals do not show by
-// how much noise that the camera has filtered, or a shape that is not quite right, moves the line; its neighbours do.
-// What neighbours share shows in means of runs.
+// Sets the line's standard deviations by the scatter of the kept points about a smooth curve. Neighbouring points
+// reveal, unlike a profile's residuals, by how much filtered noise or an inexact shape moves the line; errors that
+// neighbours share are measured on means of runs.
 void calibrate(const Crossings& found, const Lines& lines, const Numbers& edge, FittedLine& line) {
     const Numbers &sigma = line.sigma_px, doubt = together(edge, lines.shared);
     Numbers all_px = together(sigma, doubt);
@@ -270,7 +271,7 @@ void calibrate(const Crossings& found, const Lines& lines, const Numbers& edge, 
     line.sigma_px = together(calibrated, doubt);
 }
 
-// What of the lines is kept, and how far to trust it.
+// The kept part of the lines, with standard deviations.
 FittedLine fitted_line(const Crossings& found, const Lines& lines, const Measuring& how) {
     const int all = lines.centre.size();
     const Selection chosen = selection(found, lines);
@@ -318,7 +319,7 @@ Flags without_margins(const Flags& kept, int margin) {
     const Flags filled = each(
         count, [&](int n) { return kept[n] || (n > 0 && n < count - 1 && grown[n - 1] && grown[n] && grown[n + 1]); });
     Flags inner = each(count, [&](int n) { return kept[n] && !around(filled, n, margin, false); });
-    // a few alone are another thing's
+    // a few isolated ones belong to another thing
     for (int n = 0, first = 0; n < count; n = first = n + 1) {
         while (n < count && filled[n]) ++n;
         if (n - first < LEAST_PROFILES)

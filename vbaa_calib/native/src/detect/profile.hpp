@@ -20,14 +20,14 @@ struct FittedLine {
     Numbers height;          // (N,) grey levels
     double noise;            // of a pixel, grey levels
     double breadth;          // over what an antenna in focus has
-    bool changing;           // whether it may be here brighter, there darker
-    double sure;             // mean over what is kept of how surely it is a line, not one edge
+    bool changing;           // whether it may be brighter in some places and darker in others
+    double sure;             // mean certainty over the kept points that it is a line, not one edge
 };
 
 // One place along the guide, as in Python's `Visibility`.
 enum Visibility : unsigned char { SEEN, HIDDEN, OUTSIDE, BEYOND };
 
-// What a fitted line looks like; acceptance.py says what of it counts against the antenna.
+// Appearance of a fitted line, on which acceptance.py decides.
 struct Evidence {
     Table everywhere, guide;  // (N, 2) its points, seen or not, and the smooth course through them
     Flags visibility;         // (N,) a `Visibility` each
@@ -36,11 +36,11 @@ struct Evidence {
     double height;            // median, grey levels
 };
 
-// The kept points (N,) but for so many on either side of a gap, and without those that are too few between two gaps for
-// there to be a line; a profile or two that noise hides are no gap.
+// The kept points (N,) without `margin` of them on either side of a gap, and without runs between two gaps that are too
+// short to be a line; one or two profiles hidden by noise are no gap.
 Flags without_margins(const Flags& kept, int margin);
 
-// Of a line that is kept somewhere.
+// The evidence of a line with at least one kept point.
 Evidence evidence(const Crossings& found, const FittedLine& line);
 
 // Of the ribbon's line, too:
@@ -68,8 +68,8 @@ struct MeasuredLine {
     double lopsided_px = 0.0;  // by how much a highlight may pull it, of a broad line that no symmetric one fits
 };
 
-// By which factor what neighbours share makes means of runs scatter more than those of independent points: normalised
-// offsets (M,) of points that count so much (M,).
+// Factor by which errors that neighbours share increase the scatter of means of runs over that of independent points.
+// normalised: (M,) offsets. trusted: (M,) weights of the points.
 double shared_factor(const Numbers& normalised, const Numbers& trusted);
 
 // The line along a path (K, 2) near the antenna; none where no profile shows it. A point is kept where its height

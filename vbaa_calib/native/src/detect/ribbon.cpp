@@ -18,20 +18,20 @@ constexpr int AT_PLACE = PLACE - ALONE, AT_LEVEL = LEVEL - ALONE, CHANGES = 3;  
 constexpr double PIECE_PX = 60.0;                                               // of the course
 constexpr int LEAST_PIECES = 4, MOST_PIECES = 12, LEAST_KNOTS = 6, MOST_KNOTS = 41;
 constexpr int SOME = 100;            // profiles that are enough until the last round
-constexpr double KNOWN = 0.2;        // of a size, as if so many profiles showed it as it is supposed to be
+constexpr double KNOWN = 0.2;        // weight of the prior of a size, in profiles
 constexpr int GIVEN = 2;             // rounds with the initial priors of the shades
 constexpr double FREED = 6.0;        // unknowns of a profile
 constexpr double LEAST_NOISE = 0.3;  // grey levels: their rounding
 constexpr double DISTURBED = 3.0;    // times the noise at which a profile counts half
-// Log odds that a profile loses by squares of residuals where the ribbon is, over the noise's, that are more than so
-// many.
+// MISFIT: log odds that a profile loses for each unit by which the squared residuals within the ribbon, over the
+// noise's, exceed ALLOWED.
 constexpr double MISFIT = 0.2, ALLOWED = 6.0;
-constexpr double UNLIKE = 0.12;     // part of its light that no shade follows
+constexpr double UNLIKE = 0.12;     // part of its light that the shades do not describe
 constexpr double MOST_ODDS = 2.5;   // of a profile, either way
 constexpr int FAR_PX = 64;          // distances from its edge at which the background's own structure is known
 constexpr int EDGES = 3;            // that are tried in its place
 constexpr int PATTERN = 32;         // distances from its centre at which residuals are compared along it
-constexpr double PULLING_PX = 2.0;  // beyond its edge, in which those pull it
+constexpr double PULLING_PX = 2.0;  // beyond its edge, within which those residuals displace it
 constexpr double FAINTEST = 0.15;   // of the strongest channel's contrast
 constexpr double FINEST = 20.0;     // px that a bend's standard deviation refers to
 
@@ -58,7 +58,7 @@ struct Reduced {
     double operator()(int i, int j) const { return left[at_pair(i, j)]; }
 };
 
-// What is kept of eight profiles' pixels until they are added up.
+// The pixels of eight profiles, stored until they are added up.
 struct Pixels {
     std::vector<Lanes> columns;                            // (T, COLUMNS) times the root of a pixel's weight
     std::vector<Lanes> level, across, far, sure, counted;  // (T,)
@@ -71,7 +71,7 @@ struct Pixels {
     }
 };
 
-// One channel as it is known so far.
+// Estimates of one channel in the present round.
 struct Channel {
     const Crossings* found;
     double contrast, noise, step, own, slope;
@@ -101,7 +101,7 @@ struct Line {
     Table basis;                 // (N, 4) of the course's splines
     std::vector<double> offset;  // (pieces + 3) of the course
     Table variance;              // of the border's unknowns
-    Table course_information;    // of the course, were all else known
+    Table course_information;    // of the course, with all else known
     Table table;                 // of its shades, for its width and blur
 
     int count() const { return share.size(); }
@@ -177,7 +177,7 @@ Line begun(const std::vector<Crossings>& channels, double width_px, double blur_
     return line;
 }
 
-// What of the right side (last row) a system of lanes (lower half) explains.
+// The part of the squared right side (last row) that a system of lanes (lower half) explains.
 template <int COUNT>
 Lanes explained(std::array<Lanes, (COUNT + 1) * (COUNT + 2) / 2>& m) {
     Lanes total = 0.0;
@@ -203,7 +203,7 @@ struct Eight {
     Lanes shift, side, per_stretch, bow, per_scale, there, share, slope, mean;
     std::array<Lanes, FUNCTIONS> coefficients;  // of each function, above its mean
     std::array<Lanes, LANES> own;               // the same, of each profile
-    std::array<bool, LANES> clear;              // it is seen there, undisturbed
+    std::array<bool, LANES> clear;              // whether it is seen there, undisturbed
 };
 
 Eight gathered_profiles(const Line& line, const Channel& channel, const int* which, int several) {
@@ -267,7 +267,8 @@ void add_all_products(const std::vector<Lanes>& columns, Unknowns& products, std
     (add(std::integral_constant<int, PAIR>()), ...);
 }
 
-// Where the pixels of eight profiles are: from the line's middle, in the table of shades, in the background.
+// Locates the pixels of eight profiles: distance from the line's middle, row in the table of shades, bin of the
+// background.
 void place_pixels(const Channel& channel, const Table& table, const Eight& eight, double half, Pixels& pixels) {
     const int length = channel.found->profiles.shape[1], last = table.shape[0] - 1;
     const auto clamped = [](const Lanes& value, const Lanes& most) {
@@ -323,7 +324,7 @@ Sums over_pixels(const Line& line, Channel& channel, const Table& table, const E
             sums.inner += within * power;
             sums.number += within;
             sums.left += weight * power;
-            // not needed below any more
+            // overwritten: their first use is over
             pixels.far[t] = residual, pixels.counted[t] = counted;
         }
         const Lanes root = sqrt(weight);
@@ -381,8 +382,8 @@ Lanes explained_by_edge(const Unknowns& products, double left, double right, con
     return explained<COUNT>(system);
 }
 
-// Log odds of the ribbon against one edge alone: it is as bright as the left side, or as the right one, or between
-// them, on its one side so, on its other otherwise.
+// Log odds of the ribbon against one edge alone: the ribbon's place is as bright as the left side, or as the right one,
+// or the edge lies between with one brightness on either side.
 void compare_with_edges(Channel& channel, const Eight& eight, const Sums& sums) {
     const Lanes apart = eight.coefficients[1] - eight.coefficients[0];
     const Lanes per_apart = Lanes(1.0) / (Lanes(square(channel.noise)) + apart * apart);
@@ -455,7 +456,7 @@ void evaluate(Line& line, Channel& channel, const int* which, int several, bool 
     write(left, &Reduced::left), write(alone, &Reduced::alone), write(variance, &Reduced::variance);
 }
 
-// Probabilities (M,) to be seen by a chain of two states that changes at this rate, from log odds (M,).
+// Probabilities (M,) of being seen, from log odds (M,), by a two-state Markov chain with this rate of change.
 Numbers chain(const Numbers& odds, double rate) {
     const int count = odds.size();
     Numbers before(count), probability(count);
@@ -466,12 +467,12 @@ Numbers chain(const Numbers& odds, double rate) {
         hidden = to_hidden / (to_hidden + seen);
         before[n] = hidden;
     }
-    double one = 0.5, other = 0.5;  // likelihood of what comes after, where it is hidden and where it is seen
+    double one = 0.5, other = 0.5;  // likelihood of the profiles after this one, if hidden and if seen here
     for (int n = count - 1; n >= 0; --n) {
         const double away = before[n] * one, here = (1.0 - before[n]) * other;
         probability[n] = here / (away + here);
         const double was = one, now = other * std::exp(odds[n]);
-        // what the profile itself says counts for those before it
+        // the profile's own evidence counts for those before it
         const double unseen = was;
         one = (1.0 - rate) * unseen + rate * now;
         other = rate * unseen + (1.0 - rate) * now;
@@ -488,12 +489,12 @@ double shown_power(const Channel& channel, int n) {
     return power;
 }
 
-// What residuals a profile may have: noise, and that part of its light which no shade follows.
+// Expected rms residual of a profile: noise, and the part of its light that the shades do not describe.
 double expected_rms(const Channel& channel, int n) {
     return std::sqrt(square(channel.noise) + square(UNLIKE) * shown_power(channel, n));
 }
 
-// Which profiles show it, and how much each counts.
+// Decides which profiles show the ribbon, and how much each counts.
 void weigh(Line& line, const std::vector<int>& active, int step) {
     const int count = static_cast<int>(active.size());
     for (Channel& channel : line.channels) {
@@ -533,8 +534,8 @@ using Block = std::array<double, SHADES * LANES>;        // of one knot's shades
 using Hanging = std::array<double, SHADES * MOST_ROWS>;  // of one knot's shades by the border's unknowns
 using Border = std::array<double, MOST_ROWS * MOST_ROWS>;
 
-// A channel's equations at one of its knots: by its own shades, by those of the next knot, and by the border; and what
-// its shades are by those of the next knot and by the border, once it is eliminated.
+// A channel's equations at one of its knots: by its own shades, by those of the next knot, and by the border; after
+// elimination also its shades as functions of those of the next knot and of the border.
 struct Knot {
     Block own, next;
     Hanging border;
@@ -548,7 +549,7 @@ void add(double* to, double factor, const double* row) {
     for (int i = 0; i < COUNT * LANES; i += LANES) store(to + i, load(to + i) + Lanes(factor) * load(row + i));
 }
 
-// What the profiles between two knots, on one piece of the course, say together.
+// Summed equations of the profiles between two knots, on one piece of the course.
 struct Stretch {
     static constexpr int OTHERS = Reduced::OTHERS;
     std::array<Lanes, Reduced::PAIRS / LANES> own = {}, next = {},
@@ -579,8 +580,8 @@ struct Stretch {
         for (std::size_t i = 0; i < others.size(); ++i)
             others[i] += Lanes(weight) * load(left + Reduced::OTHERS_BY + i * LANES);
     }
-    // Adds it to the equations of its knots and of the border, in which its splines begin at `piece`, what changes all
-    // along at `splines`, and the right side is at `rows`.
+    // Adds it to the equations of its knots and of the border, in which its splines begin at `piece`, the unknowns that
+    // apply all along at `splines`, and the right side at `rows`.
     void put(Knot* pair, int piece, int splines, int rows, Border& border) const {
         const auto of = [](const auto& lanes, int i) { return lanes[i / LANES][i % LANES]; };
         for (int i = 0; i < SHADES; ++i)
@@ -613,7 +614,7 @@ struct Stretch {
     }
 };
 
-// Adds the profiles of a channel; and what they say of the border.
+// Sums the profiles of a channel into the equations of its knots and of the border.
 std::vector<Knot> gathered(const Line& line, const Channel& channel, const std::vector<int>& active, double per_profile,
                            Border& border) {
     std::vector<Knot> knots(line.knots, Knot{});
@@ -647,7 +648,8 @@ void add_priors(const std::array<double, SHADES>& spread, double contrast, std::
     }
 }
 
-// What a knot's shades are by the next knot's and by the border's unknowns, and the inverse of its own equations.
+// Eliminates a knot: its shades as functions of the next knot's and of the border's unknowns, and the inverse of its
+// own equations.
 void solve(Knot& knot, bool with_next) {
     constexpr int next = 0, border = LANES, unit = LANES + MOST_ROWS, count = unit / LANES + 1, wide = count * LANES;
     Block matrix = knot.own;
@@ -674,7 +676,7 @@ void solve(Knot& knot, bool with_next) {
     }
 }
 
-// Eliminates the shades: takes what they explain from the border's equations.
+// Eliminates the shades from the border's equations.
 void eliminate(std::vector<Knot>& knots, int rows, Border& border) {
     for (std::size_t i = 0; i < knots.size(); ++i) {
         Knot& knot = knots[i];
@@ -693,7 +695,7 @@ void eliminate(std::vector<Knot>& knots, int rows, Border& border) {
     }
 }
 
-// (knots, SHADES) the shades and their variances, once the border's unknowns are known.
+// (knots, SHADES) shades and their variances, by back substitution of the border's unknowns.
 std::array<Table, 2> substituted(const std::vector<Knot>& knots, const std::vector<double>& change,
                                  const Table& variance) {
     const int count = static_cast<int>(knots.size()), rows = static_cast<int>(change.size());
@@ -707,7 +709,8 @@ std::array<Table, 2> substituted(const std::vector<Knot>& knots, const std::vect
         for (int i = 0; i < MOST_ROWS; i += LANES) total += load(one + i) * load(other + i);
         return sum(total);
     };
-    // variances of this knot's shades and the next one's, were the border known; and how both hang on it
+    // variances of this knot's shades and of the next one's for a known border, and their derivatives by the border's
+    // unknowns
     Block spread = {}, now = {};
     Hanging hanging = {}, hangs = {};
     for (int i = count - 1; i >= 0; --i) {
@@ -727,7 +730,7 @@ std::array<Table, 2> substituted(const std::vector<Knot>& knots, const std::vect
                     add<ROW_LANES>(own, -next, &hanging[b * MOST_ROWS]);
                     add<1>(with_next.data(), next, &spread[b * LANES]);
                 }
-            // towards_border alone is what is taken off: the next knot's part is in its shades
+            // only towards_border is subtracted: the next knot's part is in its shades
             found[0](i, a) -= product(&knot.towards_border[a * MOST_ROWS], moved.data());
             for (int b = 0; b < SHADES && !last; ++b)
                 for (int c = 0; c < SHADES; ++c) now[a * LANES + b] += with_next[c] * knot.towards_next[b * LANES + c];
@@ -809,7 +812,7 @@ void improve(Line& line, const std::vector<int>& active, int step, int round) {
             for (int k = 0; k < SHADES; ++k)
                 channel.shades(n, k) =
                     (1.0 - line.after[n]) * shades(line.knot[n], k) + line.after[n] * shades(line.knot[n] + 1, k);
-        // how far the sides are apart, the background's slope, the own brightness: what of it the profiles show
+        // sizes of the step between the sides, of the background's slope and of the own brightness, from the profiles
         const std::array<double*, 3> size = {&channel.step, &channel.slope, &channel.own};
         std::array<double, 3> power, informed;
         for (int i = 0; i < 3; ++i) power[i] = KNOWN * square(*size[i]), informed[i] = KNOWN;
@@ -866,7 +869,7 @@ void look(Line& line, const std::vector<int>& active, int step, bool first) {
     if (!first) weigh(line, active, step);
 }
 
-// A profile's own unknowns, where it was left out so far: as those of its neighbours.
+// Interpolates the own unknowns of profiles that were left out from those of their neighbours.
 void fill_between(Line& line, const std::vector<int>& active) {
     const int count = static_cast<int>(active.size());
     const Numbers at_share = each(count, [&](int m) { return line.share[active[m]]; });
@@ -884,7 +887,7 @@ void fill_between(Line& line, const std::vector<int>& active) {
     }
 }
 
-// What a line shows above the mean of its two sides in profile n.
+// Shades of the line above the mean of its two sides in profile n.
 std::array<double, SHADES> shown(const Channel& channel, int n) {
     std::array<double, SHADES> shades;
     for (int k = 0; k < SHADES; ++k) shades[k] = channel.shades(n, k);
@@ -911,7 +914,7 @@ Ribbon answer(const Line& line) {
     found.noise = std::sqrt(power / several);
     found.pattern = 0.0;
     for (const Channel& channel : line.channels) {
-        // what is alike on both sides moves nothing, nor does what is far off
+        // symmetric residuals do not move the line, nor do distant ones
         double squares = 0.0, pixels = 1e-9, pairs = 0.0;
         const double per_bin = first.profiles.shape[1] / static_cast<double>(PATTERN);
         for (int bin = 0; bin < PATTERN / 2; ++bin) {
@@ -923,7 +926,7 @@ Ribbon answer(const Line& line) {
             squares += square(apart / channel.noise) / (1.0 / one_many + 1.0 / other_many);
             pixels += one_many + other_many, pairs += 1.0;
         }
-        // more than noise makes
+        // in excess of noise
         found.pattern += std::max(squares - pairs - 3.0 * std::sqrt(2.0 * pairs), 0.0) / pixels / several;
     }
     found.shades = Table(count, SHADES);

@@ -10,16 +10,17 @@ namespace {
 constexpr double SEEN = 0.5;    // least probability
 constexpr double UNSURE = 0.4;  // part of the width up to which a point must be known
 constexpr int MARGIN_PX = 2;    // dropped on either side of a gap: they show part of what hides the antenna
-// Deviations of a profile by which what is left alike all along the line may pull it, were its variance the noise's.
+// Standard deviations of a profile by which a residual pattern common to the whole line displaces it, if the pattern's
+// variance equals the noise's.
 constexpr double LEFT = 2.5;
-// Without colours light from one side looks like a shift: part of the width, over the share of such light in what the
-// ribbon shows.
+// Without colours, light from one side looks like a shift: part of the width per share of such light in the ribbon's
+// brightness.
 constexpr double LOPSIDED = 0.045;
-// Light, width and blur are never quite as the model has them. How far that moves the whole line shows in what
-// neighbours share of their scatter about it: so many deviations, where that power is more than that of noise alone.
+// Light, width and blur are never exactly the model's. The errors that neighbours share in their scatter measure how
+// far that moves the whole line: MISFIT of their standard deviation, where their power exceeds NOISE_ALONE.
 constexpr double MISFIT = 6.0, NOISE_ALONE = 0.6;
 
-// What in a ribbon's profiles is kept of a line.
+// Mask of the ribbon's profiles that are kept for the line.
 Flags kept_of(const Crossings& found, const Ribbon& ribbon, double width_px) {
     const double half = 0.5 * (found.profiles.shape[1] - 1);
     return each(found.inside.size(), [&](int n) {
@@ -41,9 +42,9 @@ Numbers smooth_course(const Crossings& found, const Ribbon& ribbon, const Flags&
     return curve;
 }
 
-// Sets the line's deviations to how the kept points scatter about the smooth course. A profile's pixels do not show by
-// how much noise that the camera has filtered, or a model that is not quite right, moves the line; its neighbours do.
-// What neighbours share shows in means of runs.
+// Sets the line's standard deviations by the scatter of the kept points about the smooth course. Neighbouring points
+// reveal, unlike a profile's pixels, by how much filtered noise or an inexact model moves the line; errors that
+// neighbours share are measured on means of runs.
 void calibrate(const Crossings& found, const Ribbon& ribbon, const RibbonMeasuring& how, FittedLine& line) {
     const std::vector<int> kept = places(line.kept);
     const int count_kept = static_cast<int>(kept.size());
@@ -63,7 +64,7 @@ void calibrate(const Crossings& found, const Ribbon& ribbon, const RibbonMeasuri
         off[k] /= scale;
     }
     const double factor = shared_factor(off, each(count_kept, [](int) { return 1.0; }));
-    // what the curve follows of the points' errors
+    // degrees of freedom with which the curve follows the points' errors
     const double free = (CURVE_PIECES + 2.0) * std::max(factor, 1.0);
     const double freed = std::sqrt(count_kept / std::max(count_kept - free, 0.5 * count_kept));
     for (double& each : line.sigma_px) each *= freed;
@@ -85,7 +86,7 @@ void calibrate(const Crossings& found, const Ribbon& ribbon, const RibbonMeasuri
     for (int n = 0; n < line.kept.size(); ++n) line.sigma_px[n] = std::hypot(line.sigma_px[n], shared[n]);
 }
 
-// What the antenna looks like near its visible end, in the strongest channel, over its height there.
+// Cross-section of the antenna near its visible end, in the strongest channel, over its height there.
 CrossSection end_section(const Ribbon& ribbon, const Flags& kept, int reach_px) {
     std::vector<int> last = places(kept);
     if (last.size() > END_PROFILES) last.erase(last.begin(), last.end() - END_PROFILES);

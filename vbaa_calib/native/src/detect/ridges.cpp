@@ -17,18 +17,18 @@ constexpr double LENGTHS[DIRECTIONS] = {1.0, 1.4142135623730951, 1.0, 1.41421356
 constexpr double TEXTURE_QUANTILE = 0.8;
 // Fraction of their length over which two paths must differ to be two.
 constexpr double APART = 0.4;
-// Of a path's samples, for its sum over what is in the picture to count in full.
+// Share of a path's samples inside the picture above which its mean over these counts in full.
 constexpr double LEAST_INSIDE = 0.3;
 // Paths are compared at every so many samples.
 constexpr int COMPARED = 8;
 
 using Level = std::uint8_t;
 
-// Levels that are worked on at once, and a count of them rounded up to that.
+// Levels processed at once, to a multiple of which rows are padded.
 constexpr int WHOLE = 64;
 int whole(int count) { return (count + WHOLE - 1) / WHOLE * WHOLE; }
 
-// Of some values each the highest of it and its neighbours nearer than `pool` of them.
+// Running maximum: of each value and its neighbours at a distance below `pool`.
 void highest(const Level* values, int pool, int count, Level* __restrict to) {
     std::copy(values, values + count, to);
     for (int k = 1; k < pool; ++k) {
@@ -41,7 +41,7 @@ void highest(const Level* values, int pool, int count, Level* __restrict to) {
     }
 }
 
-// The response of each of some flat levels against flanks `off` to either side, where it is higher than what is there.
+// Raises responses to those of flat levels against flanks `off` to either side.
 void respond(const Level* own, int off, int count, Level* __restrict to) {
     const Level *one = own - off, *other = own + off;
     for (int i = 0; i < count; ++i) {
@@ -62,7 +62,7 @@ int across(double u, double v) {
     return nearest;
 }
 
-// What a response counts, by its level, where such a part of those in the spans is ordinary texture.
+// Weight of a response by its level; the quantile TEXTURE_QUANTILE of the responses in the spans is ordinary texture.
 std::array<Level, 256> saturating(const Level* flat, const PathTable& paths) {
     std::array<int, 256> counts{};
     int all = 0;
@@ -200,7 +200,7 @@ struct Reduced {
     }
 };
 
-// Spacing of the columns across the path, or wider where it takes more columns than these.
+// Spacing of the columns across the path; wider where that gave more than COLUMNS of them.
 constexpr double COLUMN_PX = 2.0;
 constexpr int COLUMNS = 120;
 // Least texture of the strip, as a part of its highest ridge.
@@ -262,7 +262,7 @@ Array<double, 2> mean_of_columns(ConstMatrix strip, int several) {
     return mean;
 }
 
-// (K, R) ridge height against texture: levels off at a few times what the strip shows everywhere.
+// (K, R) ridge height against texture: saturates at a few times the strip's typical height.
 Array<double, 2> clarity_of(const Array<double, 2>& ridge) {
     Array<double, 1> height(Unset{}, ridge.size());
     double highest = 0.0;

@@ -1,4 +1,4 @@
-// Noise of whole rows, by what the blocks of a row have in common.
+// Noise of whole rows, from the common offset of a row's blocks.
 #include "detect/row_noise.hpp"
 
 #include "order.hpp"
@@ -37,8 +37,9 @@ Table block_means(Levels<T> picture, int axis, int first, int rows) {
     return means;
 }
 
-// By second differences of neighbouring rows: only what blocks share makes the products of different ones positive. The
-// median over rows leaves out the few in which an edge runs along them.
+// Standard deviation of the rows' common offsets, by second differences of neighbouring rows: only a common offset
+// gives products of different blocks a positive mean. The median over rows leaves out the few in which an edge runs
+// along them.
 double shared_std(const Table& means) {
     const int rows = means.shape[0] - 2;
     if (rows < 1) return 0.0;

@@ -1,5 +1,6 @@
-// What a round antenna shows of itself across its silhouette, blurred: a Fourier series in the angle of its surface, in
-// which any light on a diffuse surface has two harmonics (Ramamoorthi and Hanrahan 2001); and what lies on either side.
+// The blurred brightness of a round antenna across its silhouette: a Fourier series in the angle of its surface, in
+// which any light on a diffuse surface has two harmonics (Ramamoorthi and Hanrahan 2001); and of the background on
+// either side.
 #pragma once
 
 #include "detect/line_shape.hpp"
@@ -10,8 +11,8 @@ namespace vbaa::detect {
 // Mean over the silhouette; sine and cosine of the surface's angle, of twice it, and of three times it, of mean square
 // one, the cosines less their mean.
 constexpr int HARMONICS = 3, SHADES = 2 * HARMONICS + 1;
-// The background on the left (against the normal) and on the right of it, then the shades but for their mean, which is
-// what both sides leave of one.
+// The background on the left (against the normal) and on the right, then the shades except their mean, which is one
+// less both sides.
 constexpr int SIDES = 2, FUNCTIONS = SIDES + SHADES - 1;
 constexpr int shade_column(int k) { return SIDES + k - 1; }  // k > 0
 static_assert(FUNCTIONS <= LANES);

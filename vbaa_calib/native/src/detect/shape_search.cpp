@@ -12,12 +12,12 @@ namespace {
 
 constexpr int AT_ONCE = 16;         // turns of the tip that are tried at once
 constexpr int FINER = 4;            // a strip's odds are tabled at so many places a step
-constexpr double CERTAIN_PX = 4.0;  // a clamp that may be moved by less needs no search where it is
+constexpr double CERTAIN_PX = 4.0;  // if the clamp may be moved by less, its place is not searched for
 constexpr double LOOSE_PX = 20.0;   // most by which it is searched for
 constexpr double AROUND_PX = 10.0;  // of a path, that is visible next to its width
 constexpr double AROUND_ROUGH_PX = 4.0;
 constexpr double TURN_RAD = 0.25;        // by which a shape's tip may be turned from the rough path's
-constexpr double NOISE_PLACES = 3000.0;  // at so many the noise is known to some hundredths
+constexpr double NOISE_PLACES = 3000.0;  // places in a picture that determine its noise to some hundredths
 constexpr double FINE_TURN_RAD = 0.02, FINE_OFFSET_PX = 0.5, FINE_CLAMP_RAD = 0.005;  // steps about a shape
 constexpr double LEAST_CONTACT = 0.06, MOST_CONTACT = 1.9;                            // parts of the length
 
@@ -98,7 +98,7 @@ Numbers odds_along(const Strip& strip, const Table& path, double hidden) {
     });
 }
 
-// A strip as the family is laid over it: several stations are one, where shapes are much alike.
+// A strip tabulated for the family: several stations are summed where its shapes are much alike.
 struct Tabled {
     int rows, places, bunch;  // stations and so many places across each
     double first;             // offset (px) of the first place but one: before and after are those beyond the strip
@@ -129,13 +129,13 @@ struct Tabled {
 // A number of each of the turns that are tried at once.
 using Turns = Pack<float, AT_ONCE * sizeof(float)>;
 
-// Places, across a strip's rows, of shapes of one contact: how far they move with what happens at the clamp.
+// Places across a strip's rows of shapes with one contact, as functions of the turn and the offset at the clamp.
 struct Across {
     std::vector<Turns> along, lateral;        // (rows) with the cosine, and the sine, of the turn at the clamp
     std::vector<float> at_rest, with_offset;  // (rows) without any, and with its offset
 };
 
-// Of `AT_ONCE` turns from one on, in equal steps.
+// Lays `AT_ONCE` shapes, with turns in equal steps from `turn` on, across a strip.
 void lay_across(const Axis& axis, const Numbers& shares, const Tabled& tabled, double turn, double step, Across& to) {
     const float per_px = static_cast<float>(FINER / STRIP_STEP_PX);
     Turns turns, u = 0.0f, v = 0.0f, before_u = 0.0f, before_v = 0.0f;
@@ -166,7 +166,7 @@ void lay_across(const Axis& axis, const Numbers& shares, const Tabled& tabled, d
     }
 }
 
-// What is tried at the clamp, in equal steps to either side of a bend's own.
+// Offsets or turns tried at the clamp, in equal steps to either side of a bend's own.
 struct Grid {
     int steps = 0;
     double middle = 0.0, step = 0.0;
@@ -227,13 +227,13 @@ struct Candidate {
     Bend bend;
 };
 
-// What is tried of a family.
+// The shapes tried of a family.
 struct Tried {
     std::vector<double> contacts;
     Grid turns, offsets, rotations;
 };
 
-// Of each turn the highest sum, and where it is.
+// The highest sum for each turn, and its place.
 struct Highest {
     std::array<float, AT_ONCE> sum;
     std::array<int, AT_ONCE> at;
@@ -316,7 +316,7 @@ Candidate best_near(const Search<T>& search, ConstMatrix rough) {
     return best_of(search, Tabled(strip, 1, search.model.hidden), tried);
 }
 
-// The same finer, about a shape.
+// Refines a shape on a finer grid about it.
 template <class T>
 ShapeFound refined(const Search<T>& search, Bend bend) {
     constexpr std::array<double, 5> parts = {0.7, 0.85, 1.0, 1.15, 1.4};
@@ -331,7 +331,7 @@ ShapeFound refined(const Search<T>& search, Bend bend) {
     return found;
 }
 
-// Whether one comes before another: an order that does not depend on the library's way of sorting.
+// Strict order of two shapes, so that sorting does not depend on the library.
 template <class Shape>
 bool likelier(const Shape& a, const Shape& b) {
     return a.evidence > b.evidence || (a.evidence == b.evidence && a.bend < b.bend);

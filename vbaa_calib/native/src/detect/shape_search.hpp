@@ -13,11 +13,11 @@
 
 namespace vbaa::detect {
 
-// What is searched: the family of shapes about a free axis.
+// The family of shapes that is searched, about a free axis.
 struct ShapeFamily {
     ConstMatrix axis_px;      // (S, 2) the free antenna, in equal steps
     ConstCube rough_px;       // (R, T, 2) rough paths, near which it is searched
-    double spacing_px = 0.0;  // by which the tips of neighbouring ones are apart
+    double spacing_px = 0.0;  // distance of neighbouring shapes' tips
     double width_px = 0.0;
     ConstVector contacts;                    // (C,) where a force may act, parts of the length
     double clamp_px = 0.0, clamp_rad = 0.0;  // by how much it may be moved and turned at the clamp
@@ -31,8 +31,8 @@ struct ShapeFound {
     Array<double, 1> odds;            // (S,) at each of its points
 };
 
-// A shape near each rough path, but for those that are alike; the best one first. looks : (8, 4) mean colours (b, g, r)
-// from clamp to tip and their deviations, or (0, 4); of a grey picture, their luma counts.
+// A shape near each rough path, without those that resemble a better one; the best one first. looks : (8, 4) mean
+// colours (b, g, r) from clamp to tip and their deviations, or (0, 4); of a grey picture, their luma counts.
 std::vector<ShapeFound> likely_shapes(const Picture& picture, const ShapeFamily& family, ConstMatrix looks,
                                       const EdgeModel& model);
 

@@ -7,11 +7,11 @@
 namespace vbaa::detect {
 namespace {
 
-constexpr double EDGE_GAP_PX = 0.4, EDGE_PX = 2.0;  // next to an edge, left out for the blur; and compared, beyond that
+constexpr double EDGE_GAP_PX = 0.4, EDGE_PX = 2.0;  // px next to an edge: left out for its blur; compared beyond that
 constexpr double CORE = 0.35;                       // of the width, to either side of the middle: shows the colour
-constexpr double USUAL_QUANTILE = 0.35, USUAL_SQUARE = 0.2;  // of squares of normal numbers, for their deviation
-constexpr double USUAL_PX = 10.0;                            // along, to either side: what is usual is averaged
-// Squares are separated to some hundredths, by halving the bits between the least and the most that matter.
+constexpr double USUAL_QUANTILE = 0.35, USUAL_SQUARE = 0.2;  // quantile of squared normal numbers, and its value
+constexpr double USUAL_PX = 10.0;                            // over which squares are averaged, to either side
+// Bounds of a bisection over the bits of a square, which separates squares to some hundredths.
 constexpr float LEAST_SQUARE = 0x1p-5f, MOST_SQUARE = 0x1p16f;
 constexpr int SQUARE_ROUNDS = 10;
 
@@ -44,7 +44,7 @@ struct Sizes {
 
 using Samples = Array<float, 3>;  // (S, channels, across)
 
-// Where a station's places are in a picture: the pixel before each, how far it is beyond, and whether it is within.
+// Places of a station in a picture: the pixel before each, the fraction beyond it, and whether it is in the picture.
 struct Across {
     std::vector<int> pixel;
     std::vector<float> right, down;
@@ -108,7 +108,7 @@ void sample(const Colours<T>& picture, const Strip& strip, const Sizes& sizes, S
     }
 }
 
-// The number below which a share of squares lies, their bits are in their order.
+// Quantile of squares by bisection of their bits, which are ordered as the numbers are.
 float quantile_of_squares(const float* squares, int count, double share) {
     const auto bits_of = [](float value) {
         std::int32_t bits;
@@ -164,7 +164,7 @@ void edges_at(int station, const Samples& apart, const Table& usual, const Sizes
     model.odds.replace(edge, sizes.edges, several);
 }
 
-// How the antenna looks at a part of its length.
+// The antenna's usual colours at a share of its length.
 UsualColours look_at(const Looks& looks, double part) {
     const double place = part * LOOK_PLACES - 0.5;
     const int p = std::min(std::max(static_cast<int>(std::floor(place)), 0), LOOK_PLACES - 2);
@@ -196,7 +196,7 @@ void add_look(View<const float, 2> levels, const UsualColours& look, const Sizes
     for (int m = 0; m < middles; ++m) odds[m] += std::min(std::max(sum[m], -most), most);
 }
 
-// Log odds (middles,) at a station of which the edges' are known.
+// Log odds (middles,) of an antenna at a station, from the log odds of its edges.
 void middles_at(int station, const float* edge, const Samples& levels, const Sizes& sizes, const StripModel& model,
                 float* __restrict odds) {
     const float hidden = static_cast<float>(model.edges.hidden);

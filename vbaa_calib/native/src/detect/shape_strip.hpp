@@ -1,5 +1,5 @@
-// Log odds of an antenna at offsets from a path, in a strip of a picture along it: what colours say of edges and of its
-// usual looks.
+// Log odds of an antenna at offsets from a path, in a strip of a picture along it: by the colours at its edges and by
+// its usual colours.
 #pragma once
 
 #include <algorithm>
@@ -12,7 +12,7 @@
 
 namespace vbaa::detect {
 
-// What is supposed of edges and colours; grey levels of 8 bits. Luma and the two differences of colour, where it has.
+// Priors of edges and colours; grey levels of 8 bits, in luma and, of colour pictures, two colour differences.
 struct EdgeModel {
     double spread = 0.0;          // deviation of the colours of different surfaces
     double rate = 0.0;            // share of places of a background at which there is an edge
@@ -36,7 +36,8 @@ inline Colour opponent(float b, float g, float r) {
     return {(b + g + r) / 3.0f, 0.5f * (r - b), 0.25f * (2.0f * g - r - b)};
 }
 
-// Levels of one kind as colours of 8 bits: all that is linear may be done with levels first.
+// Conversion of raw levels to colours of 8 bits; it is linear, so that linear operations may be applied to raw levels
+// first.
 template <class T>
 struct Colours {
     Levels<T> levels;
@@ -46,7 +47,7 @@ struct Colours {
     Colour of(const Colour& own) const {
         return channels() == 1 ? Colour{scale * own[0]} : opponent(scale * own[0], scale * own[1], scale * own[2]);
     }
-    // In place of some levels of each channel, those of the next so far on.
+    // Converts planes of levels in place; the channels' planes are `next` apart.
     void convert(float* planes, std::ptrdiff_t next, int count) const {
         float* const __restrict one = planes;
         float* const __restrict two = planes + next, * const __restrict three = two + next;
@@ -62,7 +63,7 @@ struct Colours {
     }
 };
 
-// Log odds of an edge, by the log odds without a background's own edges: tabled.
+// Tabulated log odds of an edge that allow for a background's own edges, by the log odds that do not.
 struct EdgeOdds {
     static constexpr float LOW = -8.0f, HIGH = 12.0f;
     static constexpr int ROWS = 1024;
@@ -74,7 +75,7 @@ struct EdgeOdds {
             table[row] = static_cast<float>(-std::log((1.0 - rate) * std::exp(-odds) + rate));
         }
     }
-    // In place of some log odds, of which so much is taken first.
+    // Replaces log odds, less `less`, in place.
     void replace(float* odds, int count, float less) const {
         constexpr int SOME = 64;
         constexpr float scale = ROWS / (HIGH - LOW);
@@ -91,7 +92,7 @@ struct EdgeOdds {
     }
 };
 
-// Log odds of a difference to be an edge's, without a background's own: its square by `rise`, less `low`.
+// Log odds that a difference is an edge's, without a background's own edges: `rise` times its square, less `low`.
 struct EdgeScale {
     float rise, low;
 };
@@ -101,14 +102,15 @@ inline EdgeScale edge_scale(const EdgeModel& model, double variance) {
     return {static_cast<float>(0.5 / variance - 0.5 / all), static_cast<float>(0.5 * std::log(all / variance))};
 }
 
-// How an antenna looks at a place, or along it: mean and variance of each channel.
+// Usual colours of an antenna at a place: mean and variance of each channel.
 struct UsualColours {
     Colour mean = {}, variance = {1.0f, 1.0f, 1.0f};
 };
 
 using Looks = std::array<UsualColours, LOOK_PLACES>;
 
-// Of mean colours (b, g, r) and their deviation, (LOOK_PLACES, 4): lamps and shadows change what is dark or coloured.
+// Usual colours from mean colours (b, g, r) and their standard deviation, (LOOK_PLACES, 4); lamps and shadows widen
+// them.
 inline Looks looks_of(ConstMatrix colours) {
     Looks looks;
     for (int p = 0; p < LOOK_PLACES; ++p) {
@@ -122,7 +124,7 @@ inline Looks looks_of(ConstMatrix colours) {
     return looks;
 }
 
-// Log odds of a colour to be the antenna's, against any: a square in each channel.
+// Log odds that a colour is the antenna's rather than any: quadratic in each channel.
 struct LookOdds {
     static constexpr UsualColours WORLD = {{100.0f, 0.0f, 0.0f}, {3600.0f, 400.0f, 400.0f}};
     Colour second = {}, first = {};  // of each channel's level
@@ -137,7 +139,7 @@ struct LookOdds {
                         0.5f * std::log(WORLD.variance[k] / own.variance[k]);
         }
     }
-    // What one channel adds to the constant.
+    // The contribution of one channel to the log odds.
     float operator()(int channel, float level) const { return (second[channel] * level + first[channel]) * level; }
 };
 
@@ -150,7 +152,7 @@ struct Strip {
     double first = 0.0;  // offset (px) of the first ones; STRIP_STEP_PX to the next
 };
 
-// What a strip is made with.
+// The model by which strips are made.
 struct StripModel {
     double width_px;
     const Looks* looks;  // or none
@@ -159,7 +161,7 @@ struct StripModel {
     const EdgeOdds& odds;
 };
 
-// Of what lies up to `reach_px` from a path.
+// The strip of offsets up to `reach_px` from a path.
 template <class T>
 Strip strip_along(const Colours<T>& picture, ConstMatrix path, double reach_px, const StripModel& model);
 

@@ -9,30 +9,30 @@ namespace {
 
 constexpr double BEFORE_PX = 60.0;      // of the line before its end that is examined
 constexpr int BEYOND_PX = 24;           // of the picture beyond it
-constexpr double STRAIGHT_PX = 30.0;    // the line goes on as straight as so much of it: an end carries no moment
+constexpr double STRAIGHT_PX = 30.0;    // of the line that give its direction at the end, which carries no moment
 constexpr double CLEAN_PX = 5.0;        // beyond a tip nothing is visible for so many pixels, and its blur
 constexpr double LEAST_CONTRAST = 8.0;  // of the mean profile before the end: height over its own deviation
 constexpr double BLUR_PX = 0.8;         // initial blur of the step,
 constexpr double BLUR_STD = 0.2;        // its prior deviation, px,
 constexpr double LEAST_BLUR_PX = 0.3, LARGEST_BLUR_PX = 4.0;  // and what is possible
-// Ending before so much of a whole antenna's length, and of so many pixels, it may be hidden by what looks like the
-// background.
+// Share of a whole antenna's length, and pixels, by which a line that ends earlier may be hidden by something that
+// looks like the background.
 constexpr double SHORTER = 0.06, SHORTER_PX = 8.0;
-constexpr double BROAD = 1.25;        // a height that rises by this factor towards the end is a ball, a sheath, a kink
+constexpr double BROAD = 1.25;        // factor by which a ball, a sheath or a kink raises the height there
 constexpr double EDGE = 0.2;          // part of the line's height by which its background may change where it ends
 constexpr double MOST_LONGER = 0.15;  // part by which a line may go on beyond its path; then something else begins
 constexpr int AT_LEAST_ON = 12;       // profiles beyond the path's end that show a line that is longer than its path
 constexpr double MOST_STD_PX = 1.5, MOST_RMS = 0.2;  // of a step that is to be trusted
 constexpr int ROUNDS = 12;
-constexpr double LEAST_STD_PX = 0.1;  // what the pixel grid and the shape of a cut end leave open, over the blur
+constexpr double LEAST_STD_PX = 0.1;  // error by the pixel grid and the shape of a cut end, over the blur
 // Least number of profiles before the end, and of those that a step is fitted to.
 constexpr int LEAST_BEFORE = 8, LEAST_STEP = 16;
 
 // A line from some way before its last seen point, continued straight beyond it; no points where it is too short.
 struct Continued {
     Table path_px;
-    int last;                  // which of its points was the last one seen
-    double whole_px, rest_px;  // length of the whole path, and of what of it is not seen at its end
+    int last;                  // index of the last point seen
+    double whole_px, rest_px;  // length of the whole path, and of its unseen part at the end
 };
 
 // A blurred step from `height` to nothing.
@@ -41,7 +41,7 @@ struct Step {
     double place, blur, height, std, rms;  // px; deviation of the place; residuals
 };
 
-// What N profiles show: places, px; heights, and background over the usual height; residuals over the noise.
+// Measurements of N profiles: places, px; heights and background over the usual height; residuals over the noise.
 struct Profiles {
     Numbers at, heights, background, residuals;
 };
@@ -84,14 +84,14 @@ Continued continued(ConstMatrix path_px, const Flags& seen) {
     return {std::move(path), last - first, whole, whole - end_at};
 }
 
-// Where heights (N,) drop from a constant to nothing, and that constant: by the least sum of squares.
+// The least-squares step from a constant to nothing in heights (N,), and that constant.
 Step cut(const Numbers& at, const Numbers& heights) {
     Step found = {};
     found.blur = BLUR_PX;
     double best = INFINITY, sum = 0.0;
     for (int k = 0; k < at.size() - 2; ++k) {
         sum += heights[k];
-        const double left = -sum * sum / (k + 1);  // apart from what is the same everywhere
+        const double left = -sum * sum / (k + 1);  // without the term that is the same for all k
         if (k < 4 || !(left < best)) continue;
         best = left;
         found.place = 0.5 * (at[k] + at[k + 1]);
@@ -124,7 +124,8 @@ double improve(Step& step, const Numbers& at, const Numbers& heights, const Numb
     return move;
 }
 
-// The step that heights (N,) of deviations (N,) at places (N,) show, if they show one.
+// The blurred step fitted to heights (N,) with standard deviations (N,) at places (N,); without a height where there is
+// none.
 Step fitted_step(const Numbers& at, const Numbers& heights, const Numbers& sigma) {
     if (at.size() < LEAST_STEP) return {};
     Step step = cut(at, heights);
@@ -179,7 +180,7 @@ struct End {
     Table longer;
 };
 
-// What the chosen profiles show: heights over the usual one.
+// `Profiles` of the chosen crossings.
 Profiles profiles_at(const std::vector<int>& used, const Crossings& found, const Fits& fits, double usual,
                      double noise) {
     const int count = static_cast<int>(used.size());
@@ -202,7 +203,7 @@ End end_or_longer(const Crossings& found, const Look& look, const Continued& ahe
     if (count(known) < LEAST_BEFORE) return end;
     const double usual = median(selected(fits.height, known));
     if (usual <= 0.0) return end;
-    // only what lies before the picture's border
+    // only profiles before the picture's border
     bool edge = false;
     int stop = count_all;
     for (int n = count_all - 1; n >= 0; --n)
@@ -251,7 +252,7 @@ Table appended(const Table& path_px, int rows, const Table& others) {
 Table to_its_end(const Picture& picture, ConstMatrix path_px, const Look& look) {
     Table path = resample(path_px, 1.0).points;
     if (path.shape[0] < 2) return path;
-    constexpr int blurred_px = 2;  // before a line's end in which it is no line, but its blurred tip
+    constexpr int blurred_px = 2;  // before a line's end in which only its blurred tip is visible
     const double farthest_px = (1.0 + MOST_LONGER) * length(path);
     while (true) {
         const Continued ahead = continued(path, each(path.shape[0], [](int) { return true; }));

@@ -18,7 +18,7 @@ struct VisibleEnd {
     double std_px = NAN;  // along the antenna
 };
 
-// What a line looks like: its cross-section, in profiles of 2·half + 1 pixels with this noise, grey levels; −1 where it
+// Appearance of a line: its cross-section, in profiles of 2·half + 1 pixels with this noise, grey levels; −1 where it
 // is darker than its background, else 1.
 struct Look {
     CrossSection section;
@@ -28,12 +28,11 @@ struct Look {
 };
 
 // The end of a line (K, 2) in a picture, from the clamp to where a whole antenna ends, bridged where it is hidden;
-// seen: (K,) where it was measured, somewhere at least.
+// seen: (K,) mask of the measured points, not all false.
 VisibleEnd visible_end(const Picture& picture, ConstMatrix path_px, const Flags& seen, const Look& look);
 
-// (M, 2) a path (K, 2) on the antenna in points 1 px apart, and on along the line as far as that goes on beyond its
-// end: bent towards the camera, it is longer in the picture. Unchanged where more follows than an antenna may be longer
-// by.
+// (M, 2) a path (K, 2) on the antenna in points 1 px apart, extended along the line beyond its end: an antenna bent
+// towards the camera is longer in the picture. Unchanged where the line goes on further than an antenna can.
 Table to_its_end(const Picture& picture, ConstMatrix path_px, const Look& look);
 
 }  // namespace vbaa::detect

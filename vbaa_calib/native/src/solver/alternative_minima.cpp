@@ -19,14 +19,14 @@ constexpr double SAME_DISTANCE = 1e-2, SAME_FORCE = 0.05;
 constexpr double MIRRORED[] = {-2.0, -1.0};
 // Deflections of the tip along the line of sight, in antenna lengths, from which other contacts are searched.
 constexpr double LARGE_DEFLECTIONS[] = {0.1, 0.3, -0.1, -0.3};
-// Largest error of a point: parts of the antenna's length, σ of its own, and of the rig's errors there.
+// Largest error of a point: in parts of the antenna's length, in σ of its noise, and in σ of the rig's errors there.
 constexpr double OF_LENGTH = 0.005, OF_NOISE = 30.0, OF_RIG = 6.0;
 // Largest shares of a frame's points that lie near the antenna by chance, or out of its reach by mistake.
 constexpr double NEAR = 0.4, BEYOND = 0.15;
 // The search for the nearest shape starts at every sixth distance of the grid; iterations of each start; how many of
 // them continue, and for how many more.
 constexpr int APART = 6, FIRST = 5, GO_ON = 3, MORE = 15;
-// Least share of a reading's noise in its variance, of which its own part is taken off.
+// Least share of a reading's variance that its noise leaves once the reading's own information is removed.
 constexpr double SMALLEST_SHARE = 1e-6;
 // Moments that differ by fewer σ do not distinguish a contact from its mirror image.
 constexpr double DISTINGUISHABLE = 5.0;
@@ -163,8 +163,8 @@ double nearest_shape(const Rig& exact, Frame frame, const Grid& grid, const Unkn
     return least;
 }
 
-// Variance of a reading as the rest of the data predicts it where the force along the line of sight is known: what a
-// mirror image can do about the reading by its other unknowns. variance: of the reading itself.
+// Variance of a reading as the rest of the data predicts it where the force along the line of sight is known: the other
+// unknowns of a mirror image can shift the reading by that much. variance: of the reading itself.
 double predicted_variance(const Rig& rig, const Frame& frame, const Fit& fit, const Uncertainty& found, int reading,
                           double variance) {
     const auto& to_camera = rig.cameras[frame.seen_by].to_camera;

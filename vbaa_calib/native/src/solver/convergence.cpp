@@ -179,7 +179,7 @@ void descend(const Rig& rig, const Frame& frame, int rung, Descent how, Fit& fit
         uphill = !back;
         stale = true;
         if (back && iteration < 2) {
-            // where it began, feet were not yet the nearest
+            // evaluated again at the start, where the feet were not yet the nearest
             evaluate_at(rig, frame, rung, false, fit, work);
             least = fit.cost;
             stale = false;

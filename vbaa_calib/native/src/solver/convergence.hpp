@@ -22,8 +22,8 @@ constexpr double MOST_SCATTER = 5.0;
 // The minimum reached from the fit's unknowns, with feet near the right ones, if known, and the rig as in a rough fit
 // there, if there is one, else as calibrated.
 //
-// What neither noise nor rig explains (a second contact, a kink) must not be fitted as if it were exact, nor must most
-// points count as outliers for it: such a frame is fitted again with the scatter of its points.
+// Deviations that neither noise nor rig explains (a second contact, a kink) must not be fitted as if they were exact,
+// nor make most points outliers: such a frame is fitted again with the scatter of its points.
 void converge(const Task& task, const Fit* rough, Fit& fit, bool with_feet);
 
 // The minimum at the fit's distance, with feet near the right ones; whether that explains the frame. A force that
@@ -37,7 +37,7 @@ void begin_search(Work& work);
 // than their noise.
 void coarse_minimum(const Task& task, Fit& fit, bool with_feet, double scatter, int iterations);
 
-// Unknowns after a step (4,), taken straight in the clamp's moment: in the force its valley is bent.
+// Unknowns after a step (4,) that is linear in the clamp's moment, because the cost's valley is curved in the force.
 Unknowns moved_unknowns(const Rig& rig, const Unknowns& unknowns, const double* step);
 
 }  // namespace vbaa::solver

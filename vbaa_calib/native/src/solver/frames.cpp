@@ -24,7 +24,7 @@ void end_rows(Frame& frame, int count) {
     frame.seen_by = count ? frame.clamp[0] / NODES : 0;
 }
 
-// A frame's points, row by row.
+// Writes a frame's points, row by row.
 template <class Row>
 void put_points(Frame& frame, int count, Row&& row_of) {
     frame.points = Array<double, 2>(Unset{}, 5, whole_lanes(count));
@@ -209,7 +209,7 @@ void places(ConstCube points_px, Matrix place, View<bool, 1> disordered, double 
         bool any = false;
         for (int n = 1; n < count; ++n) {
             const double here = place_of(n);
-            // NaN before a number is out of order, those that fill up a row are not
+            // NaN before a number is out of order; NaN that fills up a row is not
             any |= here == here && !(here >= place_of(n - 1));
         }
         disordered[b] = any;

@@ -44,12 +44,12 @@ struct Thinned {
     Frame frame;
     int every;
 
-    // The point in the middle of those that one stands for.
+    // Index of the middle one of the points that a mean stands for.
     int middle(int k, int count) const { return std::min(k * every + every / 2, count - 1); }
 };
 Thinned thinned(const Frame& frame, int most);
 
-// Where ideal points go: u, v and covariance xx, xy, yy.
+// Destinations of ideal points: u, v and covariance xx, xy, yy.
 using IdealColumns = std::array<lens::Column, 5>;
 
 // Ideal points of pixels (N, 2) with standard deviations (N,) across the antenna, and 1 for those that can be used

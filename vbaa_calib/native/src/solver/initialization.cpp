@@ -38,8 +38,8 @@ void weighted_sums(Fit& free, int every, const Array<double, 1>& weights) {
     }
 }
 
-// What COUNT of the rig's columns from a on have in common with unit forces along y and z at all distances, and with
-// the residuals.
+// Weighted products of COUNT of the rig's columns, from a on, with the effects of unit forces along y and z at all
+// distances, and with the residuals.
 template <int COUNT>
 void cross(const Rig& rig, const Fit& free, Grid& grid, ConstMatrix product, int a) {
     constexpr int vectors = GRID / LANES;

@@ -121,8 +121,8 @@ Search begun(const Task& task, const Rig& exact, const Unknowns& warm, bool alwa
     return search;
 }
 
-// For a frame that no contact comes near to, the distance of most points from the nearest antenna, with its unknowns
-// in `nearest`; else NaN.
+// Distance of most points from the nearest antenna, with its unknowns in `nearest`, for a frame that no contact
+// explains; else NaN.
 double left_over(const Search& search, Unknowns& nearest) {
     const Rig& rig = search.rig;
     const Fit& free = search.work.free;
@@ -213,7 +213,7 @@ bool fit_on_rung(const Search& search, int rung, bool minima_only, Uncertainty& 
     if (ambiguous && best.converged && best.scatter <= WRONG_SHAPE) {
         const Unknowns before = best.unknowns;
         try_mirrors(task, search.few, before, best, other);
-        // what turned out better has a mirror image of its own
+        // a better minimum has a mirror image of its own
         if (different(before, best.unknowns)) try_mirrors(task, search.few, best.unknowns, best, other);
         uncertainty(best, found, work);
         if (minima_only) return ambiguous;

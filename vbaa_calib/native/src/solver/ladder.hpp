@@ -9,13 +9,15 @@ namespace vbaa::solver {
 // The highest rung's answer, and with it the lowest rung that would have been good enough.
 constexpr int AUTO = -1;
 
-// A rig for frames of usual information, with all axes for any, and as if it were known exactly.
+// The rig in three forms: with the axes that matter in frames of usual information, with all axes, and as exactly
+// known.
 struct Rigs {
     const Rig &usual, &complete, &exact;
 };
 
-// Frames from `begin` to `end`, on a rung or AUTO. warm: (B, 4) unknowns near the truth where finite, or none.
-// pieces_m: (PIECES,) arc lengths, if motion is tested, else none. minima_only: uncertainties only as of small errors.
+// What is asked for: frames from `begin` to `end`, on a rung or AUTO. warm: (B, 4) unknowns near the truth where
+// finite, or none. pieces_m: (PIECES,) arc lengths, if motion is tested, else none. minima_only: uncertainties to first
+// order only.
 struct Demand {
     int begin, end, rung;
     ConstMatrix warm;

@@ -7,20 +7,20 @@
 namespace vbaa::solver {
 
 struct MarginalSettings {
-    double worthless = 1e-3;      // part of the weight that its noise would give it, with which a reading is none
-    double largest_load = 3.0;    // F·l²/EI along the line of sight: a slope of some 60°
-    double first_step_std = 0.7;  // first step of the force, in its σ
+    double worthless = 1e-3;              // share of its full weight below which a reading counts as absent
+    double largest_load = 3.0;            // F·l²/EI along the line of sight: a slope of some 60°
+    double first_step_std = 0.7;          // first step of the force, in its σ
     double first_step_deflection = 0.02;  // the same in antenna lengths of the tip's deflection; the shorter one counts
     double coarse = 2.5;                  // change of the log density from which on a step is halved
     double fine = 0.2;                    // the same below which the next step is longer
     double longer = 1.5;                  // by this factor
-    double nothing = 10.0;                // log density below the highest at which nothing is left
+    double nothing = 10.0;                // log density below the highest at which the search ends
     int most_slices = 32, most_rounds = 4, most_halvings = 6;  // on each side; to reach a slice; of a step
     double cost_change = 0.02;                                 // of the last step to a slice, at most
     double off_place = 0.02;    // part of the step by which a slice's force is off, at most
     double fixed_weight = 1e4;  // that fixes the force, over the information on forces
     double tail = 1e-4;         // weight of each tail that is left out when the farthest values are searched
-    double tail_std = 4.0;      // how far from the mean those may be, in σ
+    double tail_std = 4.0;      // largest distance of those from the mean, in σ
     double far = 0.005;         // change of the tip's deflection, in antenna lengths, that renews the rig's slopes
 };
 

@@ -7,7 +7,7 @@
 
 namespace vbaa::solver {
 
-// Points (n, G, 3) at times (n,). sigma: (n, 1) or (n, G) that of one component of a point.
+// Points (n, G, 3) at times (n,). sigma: (n, 1) or (n, G) standard deviation of one component of a point.
 struct Moved {
     ConstVector time_s;
     ConstCube points;

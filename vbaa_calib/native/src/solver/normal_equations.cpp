@@ -131,7 +131,7 @@ void feet_along_chord(const Rig& rig, const Frame& frame, Fit& fit) {
     }
 }
 
-// The curve is taken as its parabola at the feet before: what is left of a foot's error e then counts as e³.
+// The curve is approximated by its parabola at the previous feet: a foot's error e leaves one of order e³.
 void point_residuals(const Rig& rig, const Frame& frame, Fit& fit) {
     const double length = rig.length_m, contact = fit.contact_m;
     const double inner = contact / CONTACT, outer = (length - contact) / NODES_BEYOND;
@@ -215,7 +215,7 @@ double points_cost(Fit& fit) {
     for (Array<double, 1>* each : {&fit.diagonal, &fit.off_diagonal, &fit.pull}) fill(each->view(), 0.0);
     const double by_scatter = 1.0 / fit.scatter, square = by_scatter * by_scatter;
     Lanes costs = spread(0.0);
-    Sums sums;  // written when the next node comes
+    Sums sums;  // written when the next node begins
     int before = 0;
     for (int i = 0; i < fit.points; i += LANES) {
         const Lanes precision = load(fit.precision.begin() + i), distance = load(fit.distance.begin() + i);
@@ -349,7 +349,7 @@ double least_cost(const Rig& rig, Fit& fit, int first, int rounds, Work& work, d
             }
             (a < UNKNOWNS ? fit.unknowns[a] : fit.steps[a - UNKNOWNS]) += step[k];
         }
-        // the next one would promise a fifth of this one
+        // the next step would promise about a fifth of this one
         if (promise < std::max(CONVERGED * (1.0 + fit.cost), fit.cost - promise - enough)) break;
     }
     return total_cost(rig, fit);

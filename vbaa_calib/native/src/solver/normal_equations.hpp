@@ -20,7 +20,7 @@ void nearest_feet(const Rig& rig, const Frame& frame, Fit& fit);
 // Feet on a nearly straight curve, the free antenna's, from places along its chord, in perspective.
 void feet_along_chord(const Rig& rig, const Frame& frame, Fit& fit);
 
-// Residuals of the points from feet near the right ones, which come out nearer.
+// Residuals of the points from approximate feet, which are improved.
 void point_residuals(const Rig& rig, const Frame& frame, Fit& fit);
 
 // Displacement (M,) by `count` steps of the columns from `first` on.
@@ -55,9 +55,9 @@ void evaluate(const Rig& rig, const Frame& frame, int rung, Fit& fit, Work& work
 // Robust cost with the priors, at the residuals as they are; nothing of the fit changes.
 double total_cost(const Rig& rig, const Fit& fit);
 
-// Least cost of the linear problem about a fit by IRLS, in so many rounds at most. Spoils the fit's state.
-// first : 0, or 4 where only the rig may move. The step is taken from where the fit is, priors included. What exceeds
-// `enough` need only be known to a fifth.
+// Least cost of the linear problem about a fit by IRLS, in so many rounds at most. Spoils the fit's state. first : 0,
+// or 4 where only the rig may move. The step is taken from where the fit is, priors included. A cost above `enough`
+// need only be accurate to a fifth.
 double least_cost(const Rig& rig, Fit& fit, int first, int rounds, Work& work, double enough = INFINITE);
 
 // The cost with the σ that the points came with: only these compare between fits.

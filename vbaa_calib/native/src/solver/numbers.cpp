@@ -31,7 +31,7 @@ std::array<double, 3> point_at(const Fit& fit, double length_m, double arclength
     return point_m;
 }
 
-// A rung that was demanded though it is too low: what it makes wrong is doubt. Writes the standard deviations (4,).
+// Adds the model errors of a demanded rung that is too low to the uncertainty. Writes the standard deviations (4,).
 void add_model_errors(const Rig& rig, const Findings& findings, const Uncertainty& found, double (&covariance)[6][6],
                       Vector std) {
     const double bias = findings.bias[findings.rung];
@@ -157,7 +157,7 @@ void write_push(const Rig& rig, const Frame& frame, ConstVector pieces_m, double
     force_columns(rig, frame, fit, {view(bent), view(force_N), view(lever)}, columns, view(readings));
     times_tridiagonal(fit, columns, weighted);
     factorise(fit.information, 0, fit.size, 0.0, work.factor, work.scale);
-    // of each pull only the distance's answer is wanted: the first row of the inverse
+    // only the distance's response to each load is needed: the first row of the inverse
     fill(work.step.view(), 0.0);
     work.step[0] = 1.0;
     solve_factorised(work.factor, work.scale, fit.size, work.step.begin(), work.step.begin());
@@ -182,7 +182,7 @@ void write_touch(const Rig& rig, const Uncertainty& found, const Findings& findi
     double covariance[6][6], by_distance = 0.0;
     touch_covariance(found, covariance);
     const auto& own = marginal.known ? marginal.fixed : found.covariance;
-    // how far a unit error of each of the rig's axes, which all frames share, turns a result
+    // change of a result by a unit error along each of the rig's axes, which all frames share
     Array<double, 2> with_rig(6, shared);
     for (int k = 0; k < shared; ++k) {
         Unknowns response = {};

@@ -15,10 +15,10 @@ constexpr int PIECES = 12;
 // A rung's predicted bias is small below this fraction of the standard deviation; a demanded rung's larger one is added
 // to the standard deviations.
 constexpr double SMALL_BIAS = 1.0 / 3.0;
-// Of a frame's points.
+// Settings of a frame's points.
 struct PointSettings {
     int fewest = 5;            // that are fitted
-    double stretch_std = 4.0;  // residual of one, in standard deviations, from which on a stretch of them may lie off
+    double stretch_std = 4.0;  // residual, in σ, from which a stretch may lie off
     int side = 8;              // on each side of a jump, at most: their medians determine it
 };
 
@@ -35,12 +35,12 @@ struct Numbers {
         explained_drifted;
 };
 
-// What was found of a frame next to its best fit and uncertainty.
+// Findings on a frame in addition to its best fit and uncertainty.
 struct Findings {
     int rung;                    // that the fit is on
     int needed;                  // the lowest that is good enough, or the one that was demanded
     double bias[REFERENCE + 1];  // of the rungs, NaN where not compared
-    Errors errors = {};          // what rungs leave out
+    Errors errors = {};          // errors of the rungs
     Alternative other;           // the next best minimum; its cost beyond the best one's
     double evidence;             // for a contact
     SecondForce second;

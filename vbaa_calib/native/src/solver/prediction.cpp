@@ -19,7 +19,8 @@ struct Nodes {
     double u[NODES], v[NODES], depth[NODES], slope_u[NODES], slope_v[NODES];
 };
 
-// By how much the middle between a round antenna's edges lies off its axis: they are tangent to rays from the camera.
+// Offset of the middle between a round antenna's visible edges from its axis: the edges are tangent to rays from the
+// camera.
 void off_axis(const Rig& rig, double contact_m, Nodes& nodes) {
     auto& [u, v, depth, slope_u, slope_v] = nodes;
     const double inner = contact_m / CONTACT, outer = (rig.length_m - contact_m) / NODES_BEYOND;
@@ -86,7 +87,7 @@ void curves(const Rig& rig, const Bent& bent, Fit& fit) {
     for (const Camera& camera : rig.cameras) curve(rig, camera, bent, std::exchange(clamp, clamp + NODES), fit);
 }
 
-// Displacements along the normals, of the lanes that were moved.
+// Derivatives by the unknowns: displacements along the normals of the lanes that were moved.
 void by_unknowns(const Bent& bent, Fit& fit, int free) {
     const Lanes by_step = load(bent.by_step);
     for (int j = 0; j < fit.nodes; ++j) {
@@ -97,7 +98,7 @@ void by_unknowns(const Bent& bent, Fit& fit, int free) {
     }
 }
 
-// By friction on the rungs with shapes that do not depend on it: only the force turns.
+// Derivatives by friction on rungs with shapes that do not depend on it: only the force turns.
 void friction_column(const Rig& rig, const double* available, Fit& fit) {
     constexpr int friction = UNKNOWNS - 1;
     for (int j = 0; j < fit.nodes; ++j) fit.columns(j, friction) = 0.0;

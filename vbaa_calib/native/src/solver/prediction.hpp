@@ -10,10 +10,10 @@ namespace vbaa::solver {
 // Nodes nearer to the camera's plane than this, or behind it, are taken to lie there: their picture is far off.
 constexpr double NEAREST_DEPTH_M = 1e-4;
 
-// All lanes' antenna, contact and force alike.
+// Sets antenna, contact and force, the same in all lanes.
 void lay(const Rig& rig, Bent& bent, const Unknowns& unknowns);
 
-// All lanes' shapes and pictures; tangents of the first lane's shape.
+// Computes all lanes' shapes and pictures, and the tangents of the first lane's shape.
 void bend_and_see(const Rig& rig, const Frame& frame, int rung, Bent& bent, bool with_tangents);
 
 // Factors from a step in the picture, and from a length, to the place of the antenna's end along itself, in its σ.
@@ -33,7 +33,7 @@ struct ClampWrench {
 };
 ClampWrench clamp_wrench(const Rig& rig, const Frame& frame, const Bent& bent, int lane);
 
-// A reading of them by its row of coefficients.
+// A reading as the product of a wrench with its row of coefficients.
 double read_by(const double (&row)[WRENCH], const ClampWrench& wrench);
 
 // Readings by a force of 1 N along y (0) or z (1) at a distance from the clamp, in their σ.

@@ -16,7 +16,7 @@ bool any_reading(const Numbers& n) {
     return false;
 }
 
-// Largest residual of a reading in its expected deviations; NaN where one is.
+// Largest residual of a reading in its expected σ; NaN where one is NaN.
 double disagreement(const Numbers& n) {
     double most = 0.0;
     for (int k = 0; k < READINGS - 1; ++k) {
@@ -27,7 +27,7 @@ double disagreement(const Numbers& n) {
     return most;
 }
 
-// A distance this near to the nearest one searched, in antenna lengths, may be a nearer contact's.
+// Distance to the least one searched, in antenna lengths, within which the true contact may be nearer.
 constexpr double NEAR_CLAMP = 0.005;
 
 // Whether the force along an axis is known to half of its size.
@@ -56,7 +56,7 @@ bool out_of_ordinary(const Numbers& n, const Limits& limits) {
     bool noticed = !force_known(n, 1) || !force_known(n, 2) || n.scatter > 1.0;
     noticed = noticed || std::abs(n.tip_std) > limits.disagreement;
     noticed = noticed || n.friction_share > limits.friction_share;
-    // its mean; what is noticed lies far above
+    // the mean of χ²; noticeable values lie far above
     noticed = noticed || n.rig_chi_square > std::max(static_cast<double>(n.rig_axes), 1.0);
     for (int k = 0; k < READINGS - 1; ++k) {
         noticed = noticed || std::abs(n.residual[k]) > limits.disagreement * n.residual_std[k];
@@ -67,7 +67,7 @@ bool out_of_ordinary(const Numbers& n, const Limits& limits) {
 std::uint64_t noticed_of(const Numbers& n, const Limits& limits) {
     const double friction = std::abs(n.unknowns[UNKNOWNS - 1]), bias = n.bias[n.rung];
     const bool mirrored = n.ambiguous && (n.marginal || !any_reading(n));
-    // of others a distance that may as well be any is too uncertain, no nearer one
+    // without it a distance that may be anywhere counts as too uncertain, not as too near
     const double least = n.unknowns[0] - std::max(NEAR_CLAMP, n.marginal ? n.std[0] : 0.0);
     const bool at_clamp = least <= NEAREST, too_steep = friction > limits.steepest;
     const bool twice = n.second_gain > limits.second_contact && n.second_shift > limits.second_shift;
@@ -107,7 +107,7 @@ Status status_of(const Numbers& n, const Limits& limits, std::uint64_t noticed) 
     return n.at_tip ? Status::AT_TIP : Status::OK;
 }
 
-// R x of a frame.
+// A vector x of a frame rotated into the world.
 std::array<double, 3> turned(const Placed& placed, int b, const double (&x)[3]) {
     std::array<double, 3> found;
     for (int i = 0; i < 3; ++i) {
@@ -141,9 +141,9 @@ void report_place(const Numbers& n, int b, const Placed& placed, bool located, R
     }
 }
 
-// Of a force that is not known in all directions nothing mixes its components.
+// Writes the force; of one that is not known in all directions only quantities that do not mix its components.
 void report_force(const Numbers& n, int b, const Placed& placed, bool located, Reported& to) {
-    // after the point's three rows of a covariance
+    // the force's rows of a covariance follow the point's three
     const auto of_force = [](const double (&covariance)[6][6], int i, int j) { return covariance[3 + i][3 + j]; };
     const bool by_axis[] = {true, force_known(n, 1), force_known(n, 2)};
     const bool whole = located && by_axis[1] && by_axis[2];

@@ -1,4 +1,4 @@
-// What is reported of fitted frames: a status each, and the numbers that the data support.
+// The report on fitted frames: a status each, and the numbers that the data support.
 #pragma once
 
 #include <cstdint>
@@ -7,7 +7,7 @@
 
 namespace vbaa::solver {
 
-// In Python's order.
+// Statuses, in Python's order.
 enum class Status : std::int64_t { NO_ANTENNA, FAILED, NO_CONTACT, UNOBSERVABLE, LOW, AT_TIP, OK };
 
 // What was noticed of a fit, one bit each.
@@ -20,7 +20,7 @@ enum Noticed : std::uint64_t {
     MODEL_TOO_LOW = 32,     // the requested model's bias exceeds what its deviations can include
     FORCE_UNKNOWN = 64,     // the force is undetermined in some direction, and the contact point with it
     OUT_OF_ORDINARY = 128,  // there is something to remark about a contact that is ok
-    DOUBTED = 256           // points or the end lie off, or no contact explains what is no free antenna either
+    DOUBTED = 256           // points or the end lie off, or neither a contact nor the free antenna explains the frame
 };
 
 // `ContactSettings` in Python, by the same names.

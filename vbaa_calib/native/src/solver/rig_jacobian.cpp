@@ -49,8 +49,8 @@ void by_pose(const Rig& rig, int clamp, const Frame& frame, Bent& bent, const Fi
     }
 }
 
-// Raw derivatives by all of the antenna's parameters but its place: as many as fit next to the antenna as it is. Gives
-// what acts on that.
+// Raw derivatives by all of the antenna's parameters except its place, each in a lane next to that of the unchanged
+// antenna. Returns the wrench on the unchanged antenna.
 ClampWrench by_antenna(const Rig& rig, const Frame& frame, int rung, Bent& bent, const Fit& fit, const TipAxis& end) {
     constexpr int count = ANTENNA - PLACE, first = POSES + PLACE;
     lay(rig, bent, fit.unknowns);
@@ -84,7 +84,7 @@ ClampWrench by_antenna(const Rig& rig, const Frame& frame, int rung, Bent& bent,
     return base;
 }
 
-// Raw derivatives by where the clamp stands across the antenna frame's x axis: the whole antenna goes with it.
+// Raw derivatives by the clamp's place across the antenna frame's x axis, with which the whole antenna moves.
 void by_place(const Rig& rig, const Frame& frame, int rung, const ClampWrench& wrench, Bent& bent, const Fit& fit) {
     const TipAxis end = fitted_tip_axis(rig, frame, fit);
     const auto& turn = rig.cameras[frame.tip_clamp / NODES].rotation;
@@ -115,7 +115,7 @@ void by_place(const Rig& rig, const Frame& frame, int rung, const ClampWrench& w
     }
 }
 
-// Raw derivatives of what is read, in σ, by the sensor's parameters.
+// Raw derivatives of the readings, in σ, by the sensor's parameters.
 void by_sensor(const Rig& rig, const ClampWrench& wrench, Bent& bent) {
     for (int k = 0; k < rig.by_sensor.shape[0]; ++k) {
         const int column = k < OF_MOMENT ? SENSOR + k : rig.more_at + k - OF_MOMENT;
@@ -153,7 +153,7 @@ void by_lens(const Camera& camera, int clamp, const Frame& frame, Bent& bent, co
     }
 }
 
-// Parameters of the rig from one to before another.
+// A range of the rig's parameters, without its end.
 struct Range {
     int begin, end;
 };

@@ -21,7 +21,7 @@ constexpr int PLACES = 16, FORCES = 2 * PLACES;
 // searched: one frame of noise in 200.
 constexpr int BLOCKS = 8;
 constexpr double STRUCTURE = 22.0;
-// A force counts for nothing if the first contact and the rig explain all but this part of its deflection's square.
+// A force is ignored if the first contact and the rig explain all but this part of its deflection's square.
 constexpr double DEPENDENT = 1e-4;
 
 // Sum of squares of the residuals' means over BLOCKS stretches of a picture from its first node on, in their σ: χ² if
@@ -76,7 +76,7 @@ double neighbour_scatter(const Fit& fit) {
     return std::max(MAD_SCALE / std::sqrt(2.0) * median, 1.0);
 }
 
-// Forces at PLACES: their columns and what all that contact, friction and rig can do about them explains.
+// Forces at PLACES: their columns, and the part of these that contact, friction and rig explain.
 struct Forces {
     double readings[READINGS][FORCES], side[FORCES] = {};
     Array<double, 2> columns, weighted;   // (M, FORCES)
@@ -103,7 +103,7 @@ void small_forces(const Rig& rig, const Frame& frame, const Fit& fit, Forces& fo
     force_columns(rig, frame, fit, {view(bent), view(force_N), view(lever)}, forces.columns, view(forces.readings));
 }
 
-// Products of the forces with the residuals and the fit's columns, and what these explain.
+// Products of the forces with the residuals and the fit's columns, and the part that these columns explain.
 void project_out(const Fit& fit, const double (&weight)[READINGS], Work& work, Forces& forces) {
     const int size = fit.size;
     forces.crossed = forces.explained = Array<double, 2>(FORCES, size);
@@ -126,8 +126,8 @@ void project_out(const Fit& fit, const double (&weight)[READINGS], Work& work, F
     }
 }
 
-// Gain, place and shift of the best second force, by its small deflection, with all that contact, friction and rig can
-// do about it projected out.
+// Gain, place and shift of the best second force, by its small deflection, with the part that contact, friction and rig
+// explain projected out.
 SecondForce score_test(const Rig& rig, const Frame& frame, const Fit& fit, double distance_std, Work& work) {
     Forces forces;
     small_forces(rig, frame, fit, forces);

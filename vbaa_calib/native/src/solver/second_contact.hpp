@@ -11,12 +11,12 @@ struct SecondForce {
     double gain = 0.0, place = 0.0, shift = 0.0;
 };
 
-// What the best second force would do to a frame. problem: the fit with the residuals of the highest rung, which has
-// the exact shapes, and their sums.
+// Score test of a second force in a frame. problem: the fit with the residuals of the highest rung, which has the exact
+// shapes, and their sums.
 SecondForce second_force(const Task& task, const Fit& fit, const Fit& problem, double distance_std);
 
-// Forces at G places. bent: (M, G) how far each deflects the antenna, m. force_N, lever: (G,) each, and its moment at
-// the clamp, N·m.
+// Forces at G places. bent: (M, G) deflection of the antenna by each, m. force_N, lever: (G,) sizes, and moments at the
+// clamp, N·m.
 struct Pushes {
     ConstMatrix bent;
     ConstVector force_N, lever;

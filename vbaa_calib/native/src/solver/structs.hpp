@@ -1,4 +1,4 @@
-// What the fit of a frame works on: rig, frame, fit, uncertainty and scratch room.
+// Data of a frame's fit: rig, frame, fit, uncertainty and scratch room.
 #pragma once
 
 #include <algorithm>
@@ -31,7 +31,8 @@ struct Samples {
 static_assert(CONTACT % Samples::every == 0 && LAST % Samples::every == 0);
 // Readings of a frame: those that every rig may have, then those of a sensor of more axes.
 enum Reading : int { ABOUT_Y, ABOUT_Z, END, ABOUT_X, ALONG_X, ALONG_Y, ALONG_Z, READINGS };
-// What readings are linear in: force and moment at the clamp, and 1. Parameters of the sensor about y: gain and offset.
+// WRENCH: size of force and moment at the clamp, and 1, in which readings are linear. OF_MOMENT: parameters of the
+// sensor about y, gain and offset.
 enum : int { WRENCH = 7, OF_MOMENT = 2, USUAL_READINGS = ABOUT_X };
 constexpr int GRID = 3 * LANES;  // distances that are tried before a fit begins
 constexpr int STARTS = 2;        // minima that are searched for each frame
@@ -71,13 +72,13 @@ struct Camera {
     std::vector<int> vectors;  // of a fit's columns, in order: the others are zero at the nodes of its picture
 };
 
-// What is known before a frame is seen, see `RigArrays` in Python.
+// The rig as known before any frame, see `RigArrays` in Python.
 struct Rig {
     double length_m, radius_m, friction_rad, force_unit_N, unit_load, tip_offset_m, stiffness_Nm2;
     // whether the rig knows the antenna's end, reads more than the moment about y, and the lens' uncertainty
     bool with_tip, with_wrench, with_lens;
     int readings;  // how many of READINGS are in use: USUAL_READINGS or all
-    int made;      // how many rigs were made before: each has another number
+    int made;      // serial number of the rig, different for each
     std::vector<Camera> cameras;
     antenna::Taper taper;
     Array<double, 2> unit_deflection;  // (NODES, GRID) of a free antenna's nodes by unit forces at the grid's distances
@@ -131,7 +132,7 @@ struct Frame {
     const double* yy() const { return points.begin() + 4 * points.shape[1]; }
 };
 
-// Where a descent stands: what it goes back to if a step was none.
+// State of a descent, to which it returns after a failed step.
 struct State {
     Unknowns unknowns = {};
     Array<double, 1> steps;   // (R + L,) along the rig's independent axes, in σ
@@ -242,8 +243,8 @@ struct alignas(LANES * sizeof(double)) Bent {
     explicit Bent(const Rig& rig);
 };
 
-// What a free antenna looks like depends on: which rig's it is, under which gravity, and what it is read by; and what
-// is read of it, in σ. Frames one after the other mostly have the same.
+// Key of the cached free antenna: rig, gravity and available readings; and its predicted readings, in σ. Successive
+// frames mostly share it.
 struct FreeKey {
     int made = -1;
     double gravity_m_s2[3] = {}, available[READINGS] = {}, readings[READINGS] = {};
@@ -289,7 +290,7 @@ struct Grid {
                              // along z
     double more[2][READINGS][GRID];  // of a wrench sensor's readings to both, which then are not in `moment`
     double force[GRID][2];           // the best ones
-    double gain[GRID];               // the cost that each explains
+    double gain[GRID];               // decrease of the cost by each
     Array<double, 1> best_steps;     // (R + L,) of the rig, at the best force
     Array<double, 1> weight;         // (N,) of the points
     Array<double, 2> crossed;        // (R + L, 2 G + LANES) what rig steps and unit forces have in common
@@ -298,10 +299,10 @@ struct Grid {
 // First-order uncertainty of a fit with R rig steps.
 struct Uncertainty {
     double covariance[UNKNOWNS][UNKNOWNS];  // from noise and rig together; infinite where not observable
-    Array<double, 2> rig_response;          // (R, 4) how the rig's likeliest steps go with the unknowns
+    Array<double, 2> rig_response;          // (R, 4) derivatives of the rig's likeliest steps by the unknowns
     double touch[6][UNKNOWNS];              // contact point and force by the unknowns, the rig's steps going with them
     Array<double, 2> rig_touch;    // (R, 6) covariance of the rig's steps, for a known contact, with point and force
-    double touch_by_rig[6][6];     // what the rig's steps, for a known contact, make of their covariance
+    double touch_by_rig[6][6];     // part of their covariance due to the rig's steps, for a known contact
     double condition;              // of the contact's own information, scaled to a unit diagonal
     double reading_std[READINGS];  // σ of each reading's whitened residual, below one as far as the moment was fitted
 

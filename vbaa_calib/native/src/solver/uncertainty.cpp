@@ -32,8 +32,8 @@ struct Changes {
     Changes(double way, int nodes) : sign(way), shift(nodes, LANES) {}
 };
 
-// What the rig's steps do for a known contact, and how they go with it; gives what they make of the readings'
-// variances.
+// The rig's part of the uncertainty: covariance of its steps for a known contact, and their dependence on the contact.
+// Returns its part of the readings' variances.
 std::array<double, READINGS> rig_part(const Fit& fit, Uncertainty& found, Work& work) {
     const int steps = fit.size - UNKNOWNS;
     std::array<double, READINGS> fitted = {};
@@ -66,7 +66,7 @@ std::array<double, READINGS> rig_part(const Fit& fit, Uncertainty& found, Work& 
     return fitted;
 }
 
-// How much of each reading's residual was fitted; `fitted` is the rig's part of that.
+// σ of each reading's residual, reduced by the part that was fitted; `fitted` is the rig's share of that part.
 void reading_std(const Fit& fit, const std::array<double, READINGS>& fitted, Uncertainty& found) {
     for (int reading = 0; reading < fit.readings; ++reading) {
         double total[UNKNOWNS], own = fitted[reading];
@@ -84,7 +84,7 @@ void reading_std(const Fit& fit, const std::array<double, READINGS>& fitted, Unc
     }
 }
 
-// What another shape of the antenna says, less the fit's, into a column.
+// Difference between the predictions of another shape of the antenna and the fit's, into a column.
 void compare(const Rig& rig, const Frame& frame, const Fit& fit, const Bent& bent, int column, Changes& changes) {
     const double sign = changes.sign;
     for (int j = 0; j < fit.nodes; ++j) {
@@ -187,7 +187,7 @@ void uncertainty(const Fit& fit, Uncertainty& found, Work& work) {
     const double inflation = huber_variance_inflation(fit);
     for (double& each : view(found.covariance)) each *= inflation;
     if (!fit.at_tip) return;
-    // the contact may be where the free fit has it, as well
+    // the contact may also be where the fit with a free distance has it
     for (int a = 0; a < UNKNOWNS; ++a) {
         for (int b = 0; b < UNKNOWNS; ++b) found.covariance[a][b] += fit.to_tip[a] * fit.to_tip[b];
     }
@@ -294,7 +294,7 @@ double contact_evidence(const Rig& rig, int rung, const Fit& fit, const Fit& pro
     const double enough = rung == REFERENCE ? fit.cost + BEYOND_DOUBT : INFINITE;
     const double without = least_cost(rig, work.free, UNKNOWNS, rig.steps() ? ROUNDS : 0, work, enough);
     if (rung == REFERENCE && without - fit.cost > BEYOND_DOUBT) return without - fit.cost;
-    // where a fit ended badly, the linear problem about it says better what a contact explains
+    // after a fit that did not converge, the linear problem about it gives a better estimate of the contact's gain
     work.other = problem;
     return without - least_cost(rig, work.other, 0, CLOSE_ROUNDS, work);
 }

@@ -5,8 +5,9 @@
 
 namespace vbaa::solver {
 
-// First-order errors of unknowns (4), contact point and force (6): what rungs leave out. A row for each rung, of a fit
-// on it, if the antenna were the highest rung's; the last row, by one σ of the friction that some rungs do not model.
+// First-order errors of unknowns (4), contact point and force (6) by effects that rungs leave out. A row for each rung,
+// of a fit on it, if the antenna were the highest rung's; the last row, by one σ of the friction that some rungs do not
+// model.
 constexpr int BY_FRICTION = REFERENCE + 1;
 using Errors = double[BY_FRICTION + 1][UNKNOWNS + 6];
 
@@ -17,7 +18,7 @@ void uncertainty(const Fit& fit, Uncertainty& found, Work& work);
 // Σψ²/Σw of Huber's ψ and weights: about 1 where points scatter as their σ say.
 double huber_excess(const Fit& fit);
 
-// That where it is more than noise gives, else 1.
+// `huber_excess` where it is larger than noise explains, else 1.
 double huber_variance_inflation(const Fit& fit);
 
 // Covariance of contact point and force.
