@@ -39,7 +39,7 @@ def test_a_vtp_holds_all_that_is_known(surface: Surface, tmp_path: Path) -> None
 @pytest.mark.parametrize("binary", [True, False])
 def test_a_ply_is_read_whole_or_not_at_all(surface: Surface, tmp_path: Path, binary: bool) -> None:
     path = tmp_path / "object.ply"
-    object_file._to_mesh(surface).save(path, binary=binary)
+    pv.PolyData(object_file._to_mesh(surface)).save(path, binary=binary)
     whole = path.read_bytes()
     back = object_file.read_object(path)
     np.testing.assert_allclose(back.points_m, surface.points_m, atol=1e-4)

@@ -218,7 +218,7 @@ def _seldom_collecting() -> Iterator[None]:
     """Context with rare garbage collection, which would take a tenth of a short command's time while libraries load."""
     before = gc.get_threshold()
     # new objects between two garbage collections
-    gc.set_threshold(300_000, *before[1:])
+    gc.set_threshold(1_000_000, *before[1:])
     try:
         yield
     finally:

@@ -86,31 +86,38 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     if not outputs and unseen and sys.platform.startswith("linux"):
         raise _no_display()
 
-    from viz.render.gltf import write_gltf
-    from viz.render.page import write_page
-    from viz.render.probe import require_opengl
-    from viz.render.screenshot import screenshot
-    from viz.render.turntable import turntable
-    from viz.render.window import show
-
+    # each kind of picture has libraries of its own, which are slow to load
     if not outputs:
+        from viz.render.probe import require_opengl
+
         require_opengl()
     scene, frames = _scene_of(args)
     look = {"mode": args.color, "force": args.force}
     # page and glTF need no OpenGL: they are written before the picture may fail
     if args.html is not None:
+        from viz.render.page import write_page
+
         write_page(scene, args.html, title=args.title, **look)
     if args.gltf is not None:
+        from viz.render.gltf import write_gltf
+
         write_gltf(scene, args.gltf, **look)
     if args.screenshot is not None:
+        from viz.render.screenshot import screenshot
+
         screenshot(scene, args.screenshot, **look)
     if args.turntable is not None:
+        from viz.render.turntable import turntable
+
         turntable(scene, args.turntable, **look)
     for name, path in outputs.items():
         opens = ", opens offline in any browser" if name == "html" else ""
         say(f"{path}: {path.stat().st_size / 1e6:.1f} MB{opens}")
-    if not outputs and not show(scene, mode=args.color):
-        raise _no_display()
+    if not outputs:
+        from viz.render.window import show
+
+        if not show(scene, mode=args.color):
+            raise _no_display()
     return {
         "contacts": len(scene.contacts.points_m),
         "frames": frames,
@@ -129,30 +136,33 @@ def _scene_of(args: argparse.Namespace) -> tuple[Scene, int]:
     """The scene of all inputs, and its number of frames."""
     from estimator.object.estimate import estimate_object
     from estimator.table.files import read_contacts
-    from viz.files.object_file import read_object
     from viz.scene.rig_items import session_pictures, small_picture
     from viz.scene.scene import build_scene, framewise, refuse_out_of_reach
-    from viz.scene.truth import true_object
 
     table = read_contacts(args.contacts, several=True, antenna=args.antenna)
     if not table.located.any():
         raise InputError("no frame has a located contact", where=args.contacts, remedy="see its reason column")
     refuse_out_of_reach(table, args.contacts)
-    truth = None if args.truth is None else true_object(read_json(args.truth), args.truth)
+    truth = mesh = other = None
+    if args.truth is not None:
+        from viz.scene.truth import true_object
+
+        truth = true_object(read_json(args.truth), args.truth)
+    if args.object is not None or args.other is not None:
+        from viz.files.object_file import read_object
+
+        mesh, other = (None if path is None else read_object(path) for path in (args.object, args.other))
     for name in ("session", "picture"):
         if args.rig is None and getattr(args, name) is not None:
             raise InputError("its pictures are drawn at the camera", where=f"--{name}", remedy="give --rig, too")
     rig = None if args.rig is None else usable_rig(args.rig)
-    mesh = None if args.object is None else read_object(args.object)
     estimate = None
     if args.object is None and not args.plain:
         try:
             estimate = estimate_object(table, rig)
         except InputError as error:
             say(f"no object is drawn: {error}")
-    scene = build_scene(table, rig, estimate, truth, mesh)
-    if args.other is not None:
-        scene = replace(scene, other=read_object(args.other))
+    scene = replace(build_scene(table, rig, estimate, truth, mesh), other=other)
     if args.framewise is not None:
         before = framewise(args.framewise, table)
         refuse_out_of_reach(before, args.framewise)

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyvista as pv
-from vtkmodules.util.numpy_support import vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkObject
+from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkAbstractArray, vtkObject, vtkPoints, vtkStringArray
+from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
 from vtkmodules.vtkFiltersCore import vtkTriangleFilter
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLPolyDataWriter
 
@@ -26,7 +26,6 @@ from estimator.object.surface import Surface
 from vbaa_calib.convert.child import read_in_child
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_bytes, replacing
-from viz.render.gltf import Y_UP, linear, packed
 from viz.scene.readable import surface_scale
 from viz.scene.scene import ObjectMesh
 
@@ -160,7 +159,7 @@ def _checked(
 # --- .vtp
 
 
-def _to_mesh(surface: Surface) -> pv.PolyData:
+def _to_mesh(surface: Surface) -> vtkPolyData:
     """Triangles, lines, and isolated points as vertices, with the point arrays Normals, std_m, std_across_m and
     patch.
 
@@ -168,11 +167,17 @@ def _to_mesh(surface: Surface) -> pv.PolyData:
     """
     used = np.union1d(surface.triangles, surface.lines)
     loose = np.setdiff1d(np.arange(len(surface.points_m)), used)
-    vertices, lines, faces = map(_cells, (loose[:, None], surface.lines, surface.triangles))
-    mesh = pv.PolyData(surface.points_m, verts=vertices, lines=lines, faces=faces)
-    mesh.point_data["Normals"] = surface.normals.astype(np.float32)
+    mesh, points = vtkPolyData(), vtkPoints()
+    points.SetData(numpy_to_vtk(np.asarray(surface.points_m, float), deep=True))
+    mesh.SetPoints(points)
+    mesh.SetVerts(_cells(loose[:, None]))
+    mesh.SetLines(_cells(surface.lines))
+    mesh.SetPolys(_cells(surface.triangles))
+    known = mesh.GetPointData()
+    known.AddArray(_array("Normals", surface.normals.astype(np.float32)))
+    known.SetActiveScalars("Normals")
     for name in ("std_m", "std_across_m", "patch"):
-        mesh.point_data[name] = getattr(surface, name)
+        known.AddArray(_array(name, getattr(surface, name)))
     soft = surface.compliance
     fields = {
         "contact_point_m": surface.touched_m,
@@ -189,14 +194,29 @@ def _to_mesh(surface: Surface) -> pv.PolyData:
     }
     fields |= {"notes": np.array(surface.notes)} if surface.notes else {}
     for name, values in fields.items():
-        mesh.field_data[name] = values
+        mesh.GetFieldData().AddArray(_array(name, values))
     return mesh
 
 
-def _cells(indices: np.ndarray) -> np.ndarray | None:
-    """VTK's cell array of equal cells (C, K); None for none."""
-    size = indices.shape[1]
-    return np.column_stack([np.full(len(indices), size), indices]).ravel() if len(indices) else None
+def _array(name: str, values: np.ndarray) -> vtkAbstractArray:
+    """Numbers (N,) or (N, K), or words (N,), as VTK's array of this name."""
+    made: vtkAbstractArray
+    if values.dtype.kind == "U":
+        made = vtkStringArray()
+        for word in values:
+            made.InsertNextValue(str(word))
+    else:
+        made = numpy_to_vtk(np.ascontiguousarray(values), deep=True)
+    made.SetName(name)
+    return made
+
+
+def _cells(indices: np.ndarray) -> vtkCellArray:
+    """VTK's array of equal cells (C, K)."""
+    count, size = indices.shape
+    made = vtkCellArray()
+    made.SetData(*(numpy_to_vtk(one, deep=True) for one in (size * np.arange(count + 1), indices.ravel().astype(int))))
+    return made
 
 
 # --- .ply
@@ -324,6 +344,8 @@ _NAME = "reconstructed object"
 
 def _glb_bytes(mesh: ObjectMesh) -> bytes:
     """The content of a .glb; lengths in metres."""
+    from viz.render.gltf import Y_UP, linear, packed  # with pyvista, which is slow to load
+
     made: dict[str, Any] = {
         "asset": {"version": "2.0", "generator": "vbaa reconstruct"},
         "scene": 0,

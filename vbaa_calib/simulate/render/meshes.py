@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.spatial import ConvexHull, HalfspaceIntersection
 
 from vbaa_calib.simulate.scene.objects import BOX_FACE_M, WEDGES, TouchObject, implicit
 
@@ -38,6 +36,8 @@ def tube_mesh(s: np.ndarray, points: np.ndarray, radius: np.ndarray | float, ste
 
     The curve itself is interpolated: the tube's axis is the one that `render.antenna.tube` projects.
     """
+    from scipy.interpolate import CubicSpline  # slow to load
+
     curve = CubicSpline(s, points)
     fine = np.linspace(s[0], s[-1], int(np.ceil((s[-1] - s[0]) / step)) + 1)
     middle, along = curve(fine), curve(fine, 1)
@@ -65,6 +65,8 @@ def object_mesh(obj: TouchObject, rings: int = 160) -> Triangles:
     """The object's surface, world frame, m; spheres and free forms in `rings` rings."""
     if obj.shape in ("sphere", "freeform"):
         return _round_mesh(obj, rings)
+    from scipy.spatial import ConvexHull, HalfspaceIntersection  # slow to load
+
     normals, offsets = _planes(obj)
     into = obj.wedge_world if obj.shape in WEDGES else np.zeros(3)
     corners = HalfspaceIntersection(np.column_stack([normals, -offsets]), 0.2 * BOX_FACE_M * into).intersections
