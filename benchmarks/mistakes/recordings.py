@@ -283,6 +283,16 @@ def _saturated(m: np.ndarray, rng: np.random.Generator, was: Recording) -> np.nd
     return np.clip(m, -most, most)
 
 
+def _rounded(m: np.ndarray, rng: np.random.Generator, was: Recording) -> np.ndarray:
+    step = rng.uniform(15.0, 60.0) * was.rig.moment_sensor.std_Nm
+    return step * np.round(m / step)
+
+
+def _kept(m: np.ndarray, rng: np.random.Generator, was: Recording) -> np.ndarray:
+    every = int(rng.integers(2, 6))
+    return m[np.arange(len(m)) // every * every]
+
+
 def _drifting(m: np.ndarray, rng: np.random.Generator, was: Recording) -> np.ndarray:
     walked = _either(15.0, 40.0, rng) * was.rig.moment_sensor.std_Nm
     return np.asarray(m + walked * np.linspace(0.0, 1.0, len(m)))
@@ -509,5 +519,7 @@ RECORDING = (
     _row("clock off by 0.3 to 12 rows", f"{LATE} joints_late moment_late", _clock(0.3, 12.0, in_rows=True)),
     _row("moment 0.3 to 12 rows late or early", f"{LATE} moment_late", _clock(0.3, 12.0, _READ[:1], True)),
     _row("tilt off by 3 to 20°", "joint_offset joints_untested", _joints(_off(0.05, 0.35)), REPORTED),
+    _row("moment in steps of 15 to 60 std", "moment_rounded", _readings(_rounded)),
+    _row("moment of every 2nd to 5th row", "moment_kept", _readings(_kept)),
 )
 """The matrix's column of recordings. Edit the names of the findings here."""

@@ -62,7 +62,13 @@ class RecordingSettings:
     scatter: int = 10  # of them, by which the points' scatter is measured
     fewest: int = 8  # frames that tell anything from noise
     fewest_points: int = 5  # of a frame that is a witness
-    at_limit: int = 5  # moments exactly at the largest or smallest of all, from which on they are at a limit
+    coarse_std: float = 5.0  # steps of the moments, in standard deviations of their noise, from which they are doubted
+    coarse_wrong_std: float = 12.0  # the same from which they are wrong: a rounded one is up to half a step off
+    lattice: float = 0.02  # of a step, that moments of few digits lie off multiples of it at most
+    fewest_values: int = 4  # different moments that tell their steps
+    kept: float = 0.2  # part of the rows with the moment of the row before from which it is read less often
+    typical: float = 0.9  # quantile of the changes of the moment that says how much such a row is off
+    at_limit: int = 3  # moments exactly at the largest or smallest of all, from which on they are at a limit
     at_limit_share: float = 0.04  # share of such moments among all, least
     distinct: float = 0.8  # part of the other moments that differ from each other, where they have digits enough
     beyond_std: float = 4.0  # standard deviations by which pictures ask for more than a moment at the end of its range

@@ -276,9 +276,11 @@ class RecordingWatch:
             own = ~np.isin(recorded.order, elsewhere)
             if own.sum() >= RecordingSettings.fewest:
                 recorded = recorded.picked(np.flatnonzero(own))
+            coarse, recorded = self._coarse(recorded)
             saturated, recorded = self._saturated(recorded)
             rows += [row for _, own in saturated for row in own]
-            found += [one for one, _ in saturated]
+            found += [*coarse, *(one for one, _ in saturated)]
+            first = 0 if any(one.grave for one in coarse) else None
             case = Case.of(recorded, axes_of(recorded.rig, CHANGES)[0])
             rounds, _ = explained(case, TABLE)
             causes, log_odds = [joined(best) for best in rounds], rounds[0][0].log_odds if rounds else 0.0
@@ -288,7 +290,7 @@ class RecordingWatch:
             found = [*causes, *found] if not found or not found[0].grave else [*found, *causes]
             found += [*self._scatter(case, causes), *([] if grave else _untested(case))]
             if grave:
-                first = min(one.first for one in grave)
+                first = min(one.first for one in grave) if first is None else first
             elif (left := self._unexplained(case)) is not None:
                 found.append(left)
                 first = 0 if left.grave else None
@@ -300,10 +302,11 @@ class RecordingWatch:
         for value in self.limits:
             side = "largest" if value == self._limits[1] else "smallest"
             at, others = np.flatnonzero(read[:, 0] == value), read[:, 0][~np.isin(read[:, 0], self.limits)]
-            fine = len(np.unique(others)) > RecordingSettings.distinct * len(others)
-            if not len(at) or not (fine or self._beyond(recorded.picked(at), value, side == "largest")):
+            rows, enough = self._at[value], RecordingSettings.fewest
+            fine = len(others) >= enough and len(np.unique(others)) > RecordingSettings.distinct * len(others)
+            many = len(at) > 0 and len(rows) >= RecordingSettings.at_limit_share * self.count
+            if not (fine or (many and self._beyond(recorded.picked(at), value, side == "largest"))):
                 continue  # the readings have few digits
-            rows = self._at[value]
             words = f"{len(rows)} of {self.count} moments are exactly the {side}, {value:.4g} N·m"
             words = f"{words}: the sensor is at the end of its range"
             remedy = "press less, or use a sensor or amplifier with more range"
@@ -311,6 +314,38 @@ class RecordingWatch:
             read = read.copy()
             read[read[:, 0] == value, 0] = np.nan
         return found, recorded.with_readings(readings_Nm=read)
+
+    def _coarse(self, recorded: Recorded) -> tuple[list[Diagnosis], Recorded]:
+        """Moments with few digits, or that are read less often than the pictures, and the frames with what these
+        readings are good for: a larger noise, or only where they are new."""
+        settings, std = RecordingSettings, recorded.rig.moment_sensor.std_Nm
+        read = recorded.batch.readings_Nm[:, 0]
+        series = np.column_stack([recorded.around[:, 0, ::-1, 0], read, recorded.around[:, 1, :, 0]])
+        values = np.unique(series[np.isfinite(series) & ~np.isin(series, self.limits)])
+        if len(values) < settings.fewest_values:
+            return [], recorded
+        step = float(np.diff(values).min())
+        off = (values - values[0]) / step
+        if np.abs(off - np.round(off)).max() < settings.lattice:
+            remedy = "write moment_Nm with all its digits, or use an amplifier with finer steps"
+            words = f"the moments come in steps of {step:.3g} N·m, {step / std:.0f} standard deviations of the noise"
+            sensor = replace(recorded.rig.moment_sensor, std_Nm=float(np.hypot(std, step / np.sqrt(12.0))))
+            found = _as_severe("moment_rounded", words, remedy, step / std)
+            return found, replace(recorded, rig=replace(recorded.rig, moment_sensor=sensor)) if found else recorded
+        change = np.diff(series, axis=1)
+        kept = (change == 0.0) & ~np.isin(series[:, 1:], self.limits)
+        share = kept.sum() / np.isfinite(change).sum()
+        if not share > settings.kept:
+            return [], recorded
+        moved = float(np.nanquantile(np.abs(change[change != 0.0]), settings.typical)) / std
+        words = (
+            f"{100 * share:.0f} % of the moments are those of the row before: the sensor is read less often than the "
+            f"camera, while the moment moves by up to {moved:.0f} standard deviations of its noise at a time"
+        )
+        old = kept[:, recorded.around.shape[2] - 1]
+        readings = np.where(old[:, None], np.nan, recorded.batch.readings_Nm)
+        found = _as_severe("moment_kept", words, "read the sensor with each picture, or interpolate by time", moved)
+        return found, recorded.with_readings(readings_Nm=readings) if found else recorded
 
     def _beyond(self, some: Recorded, value: float, largest: bool) -> bool:
         """Whether pictures of some frames require a moment beyond `largest`."""
@@ -380,8 +415,7 @@ class RecordingWatch:
     @property
     def limits(self) -> tuple[float, ...]:
         """Moments at which the sensor may be at the end of its range."""
-        enough = max(RecordingSettings.at_limit, RecordingSettings.at_limit_share * self.count)
-        varies = self._limits[1] > self._limits[0]
+        enough, varies = RecordingSettings.at_limit, self._limits[1] > self._limits[0]
         return tuple(value for value in self._limits if varies and len(self._at.get(value, ())) >= enough)
 
     def _scatter(self, case: Case, causes: Sequence[Diagnosis]) -> list[Diagnosis]:
@@ -428,6 +462,14 @@ class RecordingWatch:
         return Diagnosis(
             "unexplained", words, remedy, "wrong" if lost.mean() > RecordingSettings.contradicting else "doubt"
         )
+
+
+def _as_severe(name: str, words: str, remedy: str, error_std: float) -> list[Diagnosis]:
+    """A diagnosis of readings that may be off by so many standard deviations of their noise; none where that is
+    little."""
+    settings = RecordingSettings
+    severity: Severity = "wrong" if error_std > settings.coarse_wrong_std else "doubt"
+    return [Diagnosis(name, words, remedy, severity)] * (error_std > settings.coarse_std)
 
 
 def _untested(case: Case) -> list[Diagnosis]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
@@ -106,6 +107,25 @@ def test_pictures_are_exchanged_where_both_places_gain(kind: int, seed: int) -> 
     frames = [replace(one, **own) for one, own in zip(recording.frames, pictures, strict=True)]
     found = watched(replace(recording, frames=frames)).verdict()
     assert (found.verdict.findings[0].name, found.rows) == ("pictures_exchanged", {25, 40})
+
+
+@pytest.mark.parametrize("kind", [0, 2])
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("moment_rounded", lambda read, std: 30.0 * std * np.round(read / (30.0 * std))),
+        ("moment_kept", lambda read, _: np.repeat(read[::3], 3)),
+        ("moment_saturated", lambda read, _: np.minimum(read, np.sort(read)[-4])),
+    ],
+)
+def test_moments_of_a_poor_converter_are_named(name: str, kind: int, change: Callable[..., np.ndarray]) -> None:
+    """Few digits, fewer readings than pictures, and a range of which the end is reached in four rows."""
+    recording = clean_recording(KINDS[kind], 4, free=False)
+    read = np.array([one.moment_Nm for one in recording.frames])
+    moments = change(read, recording.rig.moment_sensor.std_Nm).tolist()
+    frames = [replace(one, moment_Nm=own) for one, own in zip(recording.frames, moments, strict=True)]
+    found = watched(replace(recording, frames=frames)).verdict().verdict
+    assert (found.findings[0].name, found.severity) == (name, "wrong")
 
 
 @pytest.mark.parametrize(("assumed_rad", "doubted"), [(0.2, True), (0.5, False)])
