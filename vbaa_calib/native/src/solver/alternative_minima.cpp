@@ -31,12 +31,12 @@ constexpr double SMALLEST_SHARE = 1e-6;
 // Moments that differ by fewer σ do not distinguish a contact from its mirror image.
 constexpr double DISTINGUISHABLE = 5.0;
 
-// Whether another camera's picture distinguishes a contact from its mirror image, as a reading does: where the two are
-// farthest apart.
-bool camera_distinguishes(const Rig& rig, const Frame& frame, const Fit& fit, double along) {
+// Whether another camera's picture shows so much more force along the line of sight, as a reading does: where the
+// two contacts are farthest apart.
+bool camera_distinguishes(const Rig& rig, const Frame& frame, const Fit& fit, double more) {
     if (rig.cameras.size() == 1 || frame.count == 0) return false;
     const Array<double, 2> image = point_jacobian(rig, fit);
-    const double twice = 2.0 * along * rig.unit_load * rig.length_m;
+    const double sway_m = more * rig.unit_load * rig.length_m;
     const auto& to_camera = rig.cameras[frame.seen_by].to_camera;
     double largest = 0.0;
     for (int i = 0; i < fit.points; ++i) {
@@ -44,7 +44,7 @@ bool camera_distinguishes(const Rig& rig, const Frame& frame, const Fit& fit, do
         if (clamp == frame.seen_by * NODES) continue;
         const double place = arclength_of_node(fit, rig.length_m, j - clamp) / rig.length_m;
         const double across = to_camera[0] * image(0, j) + to_camera[1] * image(1, j);
-        const double change = twice * across * antenna::deflection(rig.taper, place, fit.unknowns[0]);
+        const double change = sway_m * across * antenna::deflection(rig.taper, place, fit.unknowns[0]);
         double variance = 1.0 / fit.precision[i];
         for (int k = UNKNOWNS; k < fit.size; ++k) variance += fit.columns(j, k) * fit.columns(j, k);
         largest = std::max(largest, change * change / variance);
@@ -182,9 +182,8 @@ double predicted_variance(const Rig& rig, const Frame& frame, const Fit& fit, co
     return with_reading / std::max(1.0 - with_reading / variance, SMALLEST_SHARE);
 }
 
-bool mirror_ambiguous(const Rig& rig, const Frame& frame, const Fit& fit, const Uncertainty& found) {
-    const double along = along_sight(rig, frame, fit.unknowns);
-    if (camera_distinguishes(rig, frame, fit, along)) return false;
+bool looks_alike(const Rig& rig, const Frame& frame, const Fit& fit, const Uncertainty& found, double more) {
+    if (camera_distinguishes(rig, frame, fit, more)) return false;
     const auto& to_camera = rig.cameras[frame.seen_by].to_camera;
     const double distance_m = rig.length_m * fit.unknowns[0];
     for (int reading = 0; reading < rig.readings; ++reading) {
@@ -198,26 +197,35 @@ bool mirror_ambiguous(const Rig& rig, const Frame& frame, const Fit& fit, const 
             variance += fit.reading_columns(reading, k) * fit.reading_columns(reading, k);
         }
         variance += predicted_variance(rig, frame, fit, found, reading, variance);
-        const double change = std::abs(2.0 * response * along) * frame.available[reading];
+        const double change = std::abs(response * more) * frame.available[reading];
         if (!(change / std::sqrt(variance) < DISTINGUISHABLE)) return false;
     }
     return true;
 }
 
-void try_mirrors(const Task& task, const Few& few, Unknowns unknowns, Fit& best, Alternative& other) {
+bool mirror_ambiguous(const Rig& rig, const Frame& frame, const Fit& fit, const Uncertainty& found) {
+    return looks_alike(rig, frame, fit, found, 2.0 * along_sight(rig, frame, fit.unknowns));
+}
+
+void try_mirrors(const Task& task, const Few& few, const Uncertainty& found, Fit& best, Alternative& other) {
     const Rig& rig = task.rig;
     Fit& rough = few.work.other;
+    const Unknowns unknowns = best.unknowns;
     const auto& to_camera = rig.cameras[task.frame.seen_by].to_camera;
     const double along = along_sight(rig, task.frame, unknowns), sway = tip_deflection(rig, unknowns[0]);
-    const auto try_along = [&](double part) {
+    std::vector<double> parts;
+    for (double part : MIRRORED) parts.push_back(part * along);
+    for (double large : LARGE_DEFLECTIONS) parts.push_back(large / sway - along);
+    const auto distinct = [&](double part) { return !looks_alike(rig, task.frame, best, found, part); };
+    parts.erase(std::remove_if(parts.begin(), parts.end(), distinct), parts.end());
+    for (double part : parts) {
         Unknowns start = unknowns;
         for (int axis = 0; axis < 2; ++axis) start[1 + axis] += part * to_camera[axis];
+        if (!different(best.unknowns, start)) continue;
         const bool known = rough_minimum(rig, few, start, false, rough);
-        if (known && !different(best.unknowns, rough.unknowns)) return;
+        if (known && !different(best.unknowns, rough.unknowns)) continue;
         try_start(task, known ? rough.unknowns : start, known ? &rough : nullptr, best, other);
-    };
-    for (double part : MIRRORED) try_along(part * along);
-    for (double large : LARGE_DEFLECTIONS) try_along(large / sway - along);
+    }
 }
 
 }  // namespace vbaa::solver

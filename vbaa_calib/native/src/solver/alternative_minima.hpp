@@ -52,14 +52,18 @@ double nearest_shape(const Rig& exact, Frame frame, const Grid& grid, const Unkn
 // The part of a force along the line of sight of the first camera that sees anything.
 double along_sight(const Rig& rig, const Frame& frame, const Unknowns& unknowns);
 
-// Whether neither moments nor another camera distinguish the contact from its mirror image.
+// Whether neither moments nor another camera distinguish the contact from one with so much more force along the line of
+// sight.
+bool looks_alike(const Rig& rig, const Frame& frame, const Fit& fit, const Uncertainty& found, double more);
+
+// Whether they do not distinguish it from its mirror image.
 //
 // The mirror is the plane through the antenna's x axis across the line of sight: small deflections before and behind
 // it look alike, but for perspective.
 bool mirror_ambiguous(const Rig& rig, const Frame& frame, const Fit& fit, const Uncertainty& found);
 
-// Fits from contacts that may look like these unknowns: the mirror image, the least force that the picture asks for,
-// and forces that bend the antenna far before and behind the mirror.
-void try_mirrors(const Task& task, const Few& few, Unknowns unknowns, Fit& best, Alternative& other);
+// Fits from contacts that may look like the best one, of this uncertainty: the mirror image, the least force that the
+// picture asks for, and forces that bend the antenna far before and behind the mirror.
+void try_mirrors(const Task& task, const Few& few, const Uncertainty& found, Fit& best, Alternative& other);
 
 }  // namespace vbaa::solver

@@ -212,10 +212,13 @@ bool fit_on_rung(const Search& search, int rung, bool minima_only, Uncertainty& 
     const bool ambiguous = is_significant(best.unknowns, found) && mirror_ambiguous(rig, frame, best, found);
     if (ambiguous && best.converged && best.scatter <= WRONG_SHAPE) {
         const Unknowns before = best.unknowns;
-        try_mirrors(task, search.few, before, best, other);
-        // a better minimum has a mirror image of its own
-        if (different(before, best.unknowns)) try_mirrors(task, search.few, best.unknowns, best, other);
+        try_mirrors(task, search.few, found, best, other);
         uncertainty(best, found, work);
+        if (different(before, best.unknowns)) {
+            // a better minimum has a mirror image of its own
+            try_mirrors(task, search.few, found, best, other);
+            uncertainty(best, found, work);
+        }
         if (minima_only) return ambiguous;
         const double least = MarginalSettings().worthless;
         bool read = false;
