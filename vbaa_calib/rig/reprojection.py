@@ -97,11 +97,14 @@ def image_curves(curves: Curves, T_camera_antenna: Sequence[Pose] | Pose) -> Ima
     nodes = points[..., :2] / depth
     slopes = (tangents[..., :2] - nodes * tangents[..., 2:]) / depth
     if curves.radius_m is not None:
-        normal = np.cross(np.insert(slopes, 2, 0.0, axis=-1), np.insert(nodes, 2, 1.0, axis=-1))
+        # of the plane through tangent and camera: (slope, 0) × (node, 1)
+        across = np.stack([slopes[..., 1], -slopes[..., 0]], axis=-1)
+        ahead = slopes[..., :1] * nodes[..., 1:] - slopes[..., 1:] * nodes[..., :1]
+        size = np.sqrt(across[..., :1] ** 2 + across[..., 1:] ** 2 + ahead**2)
         with np.errstate(invalid="ignore"):  # where the antenna points at the camera
-            normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-        off = (curves.radius_m[..., None] / depth) ** 2 * normal[..., 2:]
-        nodes = nodes + off * (nodes * normal[..., 2:] - normal[..., :2])
+            across, ahead = across / size, ahead / size
+        off = (curves.radius_m[..., None] / depth) ** 2 * ahead
+        nodes = nodes + off * (nodes * ahead - across)
     return ImageCurves(curves.arclength_m, nodes, slopes)
 
 
