@@ -9,6 +9,7 @@ are independent, so that the variance is the sum of their parts.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import factorial
@@ -203,7 +204,7 @@ def _split(determined: np.ndarray) -> np.ndarray:
     if not count:
         return np.zeros((0, *determined.shape[1:]))
     joins, stays = weight[np.clip(sizes - 1, 0, None)][:, None], weight[np.clip(sizes, None, count - 1)][:, None]
-    return np.asarray(np.einsum("ug,uij->gij", np.where(members == 1, joins, -stays), determined))
+    return np.tensordot(np.where(members == 1, joins, -stays).T, determined, 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,7 +285,7 @@ def _propagate(
         covariance = _inverse(information / (scale[:, :, None] * scale[:, None])) / (scale[:, :, None] * scale[:, None])
     gain, weights = linear.results @ left @ covariance, linear.prior[:, None]
     slopes = gain @ left
-    by_noise = {cause: np.einsum("bqk,bkl,bql->bq", slopes, each, slopes) for cause, each in noise.items()}
+    by_noise = {cause: (slopes @ each * slopes).sum(axis=-1) for cause, each in noise.items()}
     by_prior = gain[..., :UNKNOWNS] ** 2 * weights[..., :UNKNOWNS]
     by_noise |= {"friction": by_prior[..., -1], "force_prior": by_prior[..., 1:-1].sum(axis=-1)}
     by_errors = -gain[..., UNKNOWNS:] * weights[..., UNKNOWNS:] - linear.beyond @ left[UNKNOWNS:, UNKNOWNS:]
@@ -314,8 +315,14 @@ def per_result(rows: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _inverse(matrices: np.ndarray) -> np.ndarray:
-    """Inverses (B, K, K); infinite for singular matrices."""
-    values, vectors = np.linalg.eigh(np.where(np.isfinite(matrices), matrices, 0.0))
+    """Inverses (B, K, K) of symmetric matrices; infinite for singular ones."""
+    known = np.where(np.isfinite(matrices), matrices, 0.0)
+    with suppress(np.linalg.LinAlgError):
+        found = np.linalg.inv(known)
+        # those that may be singular are told by their eigenvalues, which take ten times as long
+        if (np.linalg.norm(known, 1, axis=(1, 2)) * np.linalg.norm(found, 1, axis=(1, 2)) < 1e12).all():
+            return found
+    values, vectors = np.linalg.eigh(known)
     regular = values[:, :1] > 1e-15 * values[:, -1:]
     with np.errstate(all="ignore"):
         inverse = (vectors / np.where(regular, values, 1.0)[:, None]) @ np.swapaxes(vectors, 1, 2)
