@@ -58,7 +58,7 @@ class FrictionSettings:
     wrong_std: float = 4.0  # own standard deviations from which a touch is an outlier
     outside_std: float = 3.0  # standard deviations outside the cone from which a touch that need not slide counts
     most_steps: int = 40  # of Newton's method for the common errors
-    step_tolerance: float = 1e-5  # it ends with a step below this
+    step_tolerance: float = 1e-8  # of the cost: it ends with a step that gains less
     least_step: float = 1e-2  # smallest part of a step that is tried
     unknown_mu: float = 1.0  # standard deviation of an unknown object's μ
     least_std_rad: float = 1e-4  # of any direction: a rig stated as exact would count without limit
@@ -192,32 +192,36 @@ def _profile(evidence: _FrictionAngles, mu: np.ndarray, start: np.ndarray | None
     expected, spread = evidence.expected(mu), evidence.spread(mu)
     slack = np.where(evidence.slides, 0.0, np.arctan(mu)[:, None] + FrictionSettings.outside_std * spread)
 
-    def residual(at: np.ndarray) -> np.ndarray:
-        bare = evidence.angles.angle_rad - expected - at @ modes.T
-        return np.sign(bare) * np.maximum(np.abs(bare) - slack, 0.0) / spread
+    def residual(at: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        bare = evidence.angles.angle_rad - expected[rows] - at @ modes.T
+        return np.sign(bare) * np.maximum(np.abs(bare) - slack[rows], 0.0) / spread[rows]
 
     def cost_of(at: np.ndarray, off: np.ndarray) -> np.ndarray:
         return 0.5 * np.sum(at**2, axis=1) + _student_t_losses(off).sum(axis=1)
 
-    def hessian_of(off: np.ndarray) -> np.ndarray:
-        weight = np.where(evidence.slides | (off != 0.0), _student_t_weights(off), 0.0) / spread**2
+    def hessian_of(off: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        weight = np.where(evidence.slides | (off != 0.0), _student_t_weights(off), 0.0) / spread[rows] ** 2
         return np.eye(len(modes.T)) + np.swapaxes(weight[:, :, None] * modes, 1, 2) @ modes
 
-    off = residual(z)
+    every = rows = np.arange(len(mu))
+    off = residual(z, every)
     cost, share = cost_of(z, off), np.ones(len(mu))
     for _ in range(FrictionSettings.most_steps):
-        pull = (_student_t_weights(off) * off / spread) @ modes - z
-        step = np.linalg.solve(hessian_of(off), pull[..., None])[..., 0]
-        tried = z + share[:, None] * step
-        tried_off = residual(tried)
+        pull = (_student_t_weights(off[rows]) * off[rows] / spread[rows]) @ modes - z[rows]
+        step = np.linalg.solve(hessian_of(off[rows], rows), pull[..., None])[..., 0]
+        tried = z[rows] + share[rows, None] * step
+        tried_off = residual(tried, rows)
         tried_cost = cost_of(tried, tried_off)
-        better = tried_cost < cost
-        gained = np.where(better, cost - tried_cost, 0.0)
-        z, off = np.where(better[:, None], tried, z), np.where(better[:, None], tried_off, off)
-        cost, share = cost - gained, np.where(better, 1.0, 0.3 * share)
-        if ((gained < FrictionSettings.step_tolerance) & (better | (share < FrictionSettings.least_step))).all():
+        gained = cost[rows] - tried_cost
+        better = gained > 0.0
+        z[rows[better]], off[rows[better]], cost[rows[better]] = tried[better], tried_off[better], tried_cost[better]
+        share[rows] = np.where(better, 1.0, 0.3 * share[rows])
+        rows = rows[
+            np.where(better, gained > FrictionSettings.step_tolerance, share[rows] > FrictionSettings.least_step)
+        ]
+        if not len(rows):
             break
-    hessian = hessian_of(off)
+    hessian = hessian_of(off, every)
     _, volume = np.linalg.slogdet(hessian)
     return _Profile(mu, cost, cost + 0.5 * volume, z, np.linalg.inv(hessian), off)
 
