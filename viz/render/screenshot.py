@@ -90,7 +90,10 @@ def _drawn(stage: Stage) -> np.ndarray:
     """(H, W, 3) picture of the stage; its plotter is then closed."""
     plotter = stage.plotter
     plotter.enable_anti_aliasing("ssaa")
-    plotter.enable_depth_peeling(8)
+    # pyvista's own way would draw a scene first, to see whether that works
+    plotter.renderer.SetUseDepthPeeling(True)
+    plotter.renderer.SetMaximumNumberOfPeels(8)
+    plotter.renderer.SetOcclusionRatio(0.0)
     plotter.add_axes(color=INK, line_width=3, viewport=(0.0, 0.0, 0.13, 0.13))
     pixels = plotter.screenshot(return_img=True)
     plotter.close()
