@@ -111,7 +111,7 @@ class ContactLayer(torch.nn.Module):
             refuses.
         """
         if (pixels is None) == (plane_xy_m is None):
-            raise InputError("pixels and plane_xy_m: one of them is needed")
+            raise InputError("exactly one of pixels and plane_xy_m is needed")
         lines = pixels if pixels is not None else plane_xy_m
         if not isinstance(lines, Tensor) or lines.ndim != 3 or lines.shape[-1] != 2 or not lines.is_floating_point():
             raise InputError(

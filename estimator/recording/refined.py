@@ -226,8 +226,8 @@ def _usable(contacts: ContactTable, recording: Sequence[Measured]) -> np.ndarray
     whole = np.isfinite(contacts.distance_std_m + contacts.force_y_N + contacts.force_z_N)
     rows = np.flatnonzero(contacts.located & whole & enough)
     if not len(rows) and (contacts.located & ~whole & enough).any():
-        what = "of no located frame is the force known in all directions"
-        raise InputError(what, remedy="lean the camera along the antenna, or read the moment")
+        what = "in no located frame is the force known in all directions"
+        raise InputError(what, remedy="tilt the camera along the antenna, or read the moment")
     if not len(rows):
         raise InputError("no located frame has points in the recording", remedy="give the session of these contacts")
     return rows

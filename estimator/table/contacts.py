@@ -442,7 +442,7 @@ class Measured:
         other attributes, by name. Raises InputError.
         """
         if covariance_m2 is not None and sigma_px is not None:
-            raise InputError("covariance_m2 and sigma_px: both", remedy="give one of them")
+            raise InputError("covariance_m2 and sigma_px exclude each other", remedy="give one of them")
         points, own, shape = pixels_on_plane(rig.camera, rig.T_antenna_camera, plane_xy_m, covariance_m2)
         if own is None:
             own = as_floats(rig.image.noise_px if sigma_px is None else sigma_px, "sigma_px", "give px")

@@ -457,7 +457,7 @@ def _row_of(record: Mapping[str, str], path: Path) -> ContactRow:
         smallest, _, largest = np.linalg.eigvalsh(matrix)
         if smallest < -1e-6 * max(largest, 1e-30):
             remedy = "check cov_XX to cov_ZZ: no direction may have a negative variance"
-            raise InputError("the covariance of the world point is not one", where=where, remedy=remedy)
+            raise InputError("cov_XX to cov_ZZ are no covariance", where=where, remedy=remedy)
     values["covariance_world_m2"] = matrix
     return ContactRow(
         frame=whole_number(record, "frame", path),

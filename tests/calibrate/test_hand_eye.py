@@ -169,8 +169,8 @@ def test_errors_are_those_predicted_of_many_draws(arm: Arm, wrong: float) -> Non
         (lambda rows: [Pose(np.eye(3), row.translation_m) for row in rows], "only shifted"),
         (lambda rows: [Pose(rows[0].rotation, row.translation_m) for row in rows], "only shifted"),
         (lambda rows: rows[:-1], "12 views and 11 robot poses"),
-        (lambda rows: [Pose(1.1 * row.rotation, row.translation_m) for row in rows], "robot pose 0 is none"),
-        (lambda rows: [Pose(row.rotation, np.nan * row.translation_m) for row in rows], "robot pose 0 is none"),
+        (lambda rows: [Pose(1.1 * row.rotation, row.translation_m) for row in rows], "robot pose 0"),
+        (lambda rows: [Pose(row.rotation, np.nan * row.translation_m) for row in rows], "robot pose 0"),
     ],
 )
 def test_mistakes_are_named(change, words: str) -> None:

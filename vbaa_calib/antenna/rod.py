@@ -235,7 +235,7 @@ def _checked(rod: Rod, gravity: np.ndarray, contact: np.ndarray, force: np.ndarr
             remedy="give (B, 3), (B,) and (B, 3)",
         )
     if not all(np.isfinite(a).all() for a in (gravity, contact, force)):
-        raise InputError("a load is not finite", where="rod loads")
+        raise InputError("a load is not finite", where="rod loads", remedy="give finite numbers")
     if ((contact <= 0.0) | (contact > rod.length_m)).any():
         raise InputError(
             f"contact at {contact.min():.4g} to {contact.max():.4g} m", where="rod loads", remedy="keep it on the rod"

@@ -37,7 +37,7 @@ def _row_doubts(joint: BundleAdjustment, explained: Sequence[Diagnosis]) -> list
         if not kept and name not in named:
             kind = "load" if isinstance(one.still, Load) else "no-load frame"
             words = f"{kind} {name}: left out, for it contradicts the others"
-            found.append(Diagnosis("row_left_out", words, "is its row right, and its line the antenna?"))
+            found.append(Diagnosis("row_left_out", words, "check its row, and that its line is the antenna"))
     return found
 
 
@@ -89,7 +89,7 @@ def _plane_doubts(plane: PlaneC) -> list[Diagnosis]:
     if sweep is None:
         return found
     found += [
-        Diagnosis("sweep_view_left_out", f"sweep {view.name}: left out, {view.reason}", "is its row right?")
+        Diagnosis("sweep_view_left_out", f"sweep {view.name}: left out, {view.reason}", "check its row")
         for view in sweep.left_out
     ]
     if sweep.axes_free:

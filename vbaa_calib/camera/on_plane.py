@@ -47,7 +47,9 @@ class CameraOnPlane(torch.nn.Module):
         self.camera, self.T_antenna_camera, self.plane = camera, T_antenna_camera, plane
         length = np.linalg.norm(plane.normal)
         if not np.isfinite(plane.offset_m) or not abs(length - 1.0) < 1e-6:
-            raise InputError(f"the plane's normal has the length {length:g}", remedy="give a finite plane, normal of 1")
+            raise InputError(
+                f"the plane's normal has the length {length:g}", remedy="give a unit normal, finite offset"
+            )
         buffers: dict[str, np.ndarray | float] = {
             "matrix": camera.matrix,
             "distortion": camera.distortion,

@@ -70,7 +70,9 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     inputs = [args.board, args.poses, args.camera, args.rig, *([args.views] if table else [])]
     refuse_overwrite(args.output, args.force, inputs)
     if args.rig and args.mount != "hand":
-        raise InputError("--rig with --mount fixed", remedy="camera and antenna ride together: take --mount hand")
+        raise InputError(
+            "--rig needs the camera on the arm", remedy="take --mount hand; camera and antenna ride together"
+        )
     poses, others = read_robot_poses(args.poses, args.euler)
     rig = usable_rig(args.rig) if args.rig else None
     if table and {"x_m", "x_mm"} & set(header_of(args.views)):
@@ -104,7 +106,7 @@ def _from_poses(
     for name in ("board", "camera", "image_size"):
         if getattr(args, name) is not None:
             flag = f"--{name.replace('_', '-')}"
-            raise InputError(f"{flag} beside poses of the board", where=args.views, remedy=f"leave {flag} out")
+            raise InputError(f"{flag} is not for poses of the board", where=args.views, remedy=f"leave {flag} out")
     wanted_of(args)
     seen, _ = read_robot_poses(args.views, args.euler)
     pairs = _paired(list(seen), poses, args.poses)
@@ -167,7 +169,7 @@ def _views(args: argparse.Namespace, spec: Board, lens: GivenLens | None) -> lis
         return detect_folder(args.views, spec)
     if lens is None and (args.image_size is None or min(args.image_size) < 1):
         remedy = "give --image-size W H, or --camera"
-        raise InputError("corners without the size of their pictures", where=args.views, remedy=remedy)
+        raise InputError("the size of the corners' pictures is missing", where=args.views, remedy=remedy)
     return read_corners(args.views, lens.camera.image_size if lens else tuple(args.image_size), spec.corner_count)
 
 

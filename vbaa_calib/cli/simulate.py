@@ -101,7 +101,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         scene = replace(scene, seed=args.seed)
     if args.no_moment:
         if args.sensor:
-            raise InputError("--no-moment --sensor", where="vbaa simulate", remedy="give one of them")
+            raise InputError("--no-moment contradicts --sensor", where="vbaa simulate", remedy="give one of them")
         scene = replace(scene, moment=None, wrench=None)
     if args.sensor:
         scene = replace(
@@ -117,7 +117,11 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     if args.bag is not None:
         refuse_bag(args.bag, args.force)
         if args.pictures == "none":
-            raise InputError("--pictures none --bag", where="vbaa simulate", remedy="a bag needs the pictures")
+            raise InputError(
+                "--bag needs the pictures that --pictures none leaves out",
+                where="vbaa simulate",
+                remedy="leave one out",
+            )
     with ExitStack() as stack:
         folder = args.output or Path(stack.enter_context(tempfile.TemporaryDirectory())) / "session"
         planned = _written(args, scene, folder)

@@ -149,7 +149,7 @@ def _own_gain(readings: MomentReadings) -> Iterator[Explanation[MomentReadings]]
     usual = SETTINGS.usual_gains[0] < gain < SETTINGS.usual_gains[1]
     if usual and abs(gain - 1.0) > 2.0 * SETTINGS.gain_std:
         odds = readings.log_likelihood(1.0, SETTINGS.own_gain_std)[0]
-        yield _explained(readings, Diagnosis("sensor_gain", words, "the rig has it", "note"), odds, right)
+        yield _explained(readings, Diagnosis("sensor_gain", words, "the rig contains this gain", "note"), odds, right)
     elif gain > 0 and not usual:
         remedy = "check its calibration and the unit of moment_Nm"
         odds = readings.log_likelihood(0.0, max(SETTINGS.any_gain_std, gain))[0] + SETTINGS.sensor_fault
@@ -191,7 +191,7 @@ def _one_reading(readings: MomentReadings) -> Iterator[Explanation[MomentReading
         column = np.where(rest, 0.0, 1e3 * readings.std_Nm)
         odds = readings.log_likelihood(1.0, SETTINGS.own_gain_std, column=column)[0] + SETTINGS.noisy - less
         words = f"{name}: the moment reading is {1e3 * off:+.3g} mN·m off"
-        diagnosis = Diagnosis("moment_reading_off", words, "is its row right?")
+        diagnosis = Diagnosis("moment_reading_off", words, "check its row")
         yield _explained(readings, diagnosis, odds, replace(readings, drift=column))
 
 
@@ -202,7 +202,7 @@ def _noise(readings: MomentReadings) -> Iterator[Explanation[MomentReadings]]:
         f"the moment sensor scatters by {1e3 * noise * readings.std_Nm:.3g} mN·m, the session says "
         f"{1e3 * readings.std_Nm:.3g}"
     )
-    diagnosis = Diagnosis("sensor_noise", words, "the former is used")
+    diagnosis = Diagnosis("sensor_noise", words, "the measured scatter is used")
     yield _explained(readings, diagnosis, odds + SETTINGS.noisy, replace(readings, std_Nm=noise * readings.std_Nm))
 
 

@@ -141,12 +141,12 @@ class Rig:
             fits = own.shape[1] == len(covariance) + len(own)
             whole = sensor.joined(covariance)
             if not (fits and _is_covariance(whole.tobytes(), len(whole))):
-                what = f"wrench_sensor.covariance is none with the {len(covariance)} joint.parameters"
+                what = f"wrench_sensor.covariance does not match the {len(covariance)} joint.parameters"
                 raise InputError(what, remedy=again)
         if tip is not None and not (
             len(tip.covariance) == len(whole) and _is_covariance(tip.joint_with(whole).tobytes(), len(whole) + 1)
         ):
-            raise InputError(f"antenna.tip.covariance is none with the {len(whole)} joint.parameters", remedy=again)
+            raise InputError(f"antenna.tip.covariance does not match the {len(whole)} joint.parameters", remedy=again)
         try:
             gravity = real_gravity(fixed(self.gravity_world_m_s2, (3,), "gravity_world"))
         except ValueError as error:

@@ -161,7 +161,7 @@ def _as_ours(path: Path, points: np.ndarray, note: str) -> Centrelines:
     found = _indexed(copy)
     if found is None or not len(found[2][0]):
         copy.close()
-        raise InputError("has no points, or some that cannot be", where=path, remedy="export it again, in pixels")
+        raise InputError("has no points, or impossible ones", where=path, remedy="export it again, in pixels")
     return Centrelines(path, copy, *found, note)
 
 
@@ -389,7 +389,7 @@ def _floats(cells: Sequence[str], path: Path, line: int) -> list[float]:
     try:
         return [float(cell) if cell.strip() else math.nan for cell in cells]
     except ValueError:
-        raise InputError("holds what is no number", where=f"{path} line {line}", remedy="export it again") from None
+        raise InputError("a cell is no number", where=f"{path} line {line}", remedy="export it again") from None
 
 
 def _network_table(path: Path) -> tuple[list[tuple[str, ...]], np.ndarray, np.ndarray]:
@@ -545,14 +545,14 @@ def _written_traces(path: Path) -> list[tuple[int, int, np.ndarray]]:
             rest, count = np.array(values[4:]), 4 * last if headed else last - first + 1
             if not (min(frame, whisker) >= 0 and len(rest) == count):
                 remedy = "convert it again: whisker_convert … whiskbin1"
-                raise InputError("is no trace of whisk, or torn", where=f"{path} line {line}", remedy=remedy)
+                raise InputError("is no trace of whisk, or truncated", where=f"{path} line {line}", remedy=remedy)
             points = rest.reshape(-1, 4)[:, :2] if headed else np.column_stack([first + np.arange(len(rest)), rest])
             lines.append((int(whisker), int(frame), points))
     return lines
 
 
 def _torn(path: Path) -> InputError:
-    return InputError("is torn", where=path, remedy="trace again, or copy it again")
+    return InputError("is truncated", where=path, remedy="trace again, or copy it again")
 
 
 def _binary_trace(data: bytes, at: int, count: int) -> tuple[np.ndarray, int]:

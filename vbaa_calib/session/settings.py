@@ -283,9 +283,7 @@ class NominalWrenchSensor:
     def __post_init__(self) -> None:
         names = [name.removeprefix("-") for name in self.components]
         if not names:
-            raise InputError(
-                "components of wrench_sensor are none", remedy="name those that it reads, such as my and mz"
-            )
+            raise InputError("wrench_sensor.components is empty", remedy="name those that it reads, such as my and mz")
         if len({*names}) < len(names):
             raise InputError("components of wrench_sensor name one twice", remedy="name each of them once")
         for kind, std, key in (("f", self.std_N, "std_N"), ("m", self.std_Nm, "std_Nm")):

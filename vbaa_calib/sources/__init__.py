@@ -50,7 +50,7 @@ def open_source(text: str, seen: Container[str] = (), wait: bool = False) -> Pic
     if not text.strip():
         raise InputError("no source of pictures is named", remedy=_KINDS)
     if len(text) > 4096 or "\0" in text:
-        raise InputError("is not a path that can be", where=printable(text), remedy=_KINDS)
+        raise InputError("is not a valid path", where=printable(text), remedy=_KINDS)
     if text.startswith("camera:"):
         return open_camera(*parse_camera(text.removeprefix("camera:")), seen)
     if "://" in text:

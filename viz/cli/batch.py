@@ -160,10 +160,10 @@ def _where(args: argparse.Namespace, count: int) -> Where:
     elsewhere = args.scheduler is not None or args.scheduler_file is not None
     tls = {"ca_file": args.tls_ca_file, "client_cert": args.tls_cert, "client_key": args.tls_key}
     if args.scheduler is not None and args.scheduler_file is not None:
-        raise InputError("--scheduler and --scheduler-file", where="vbaa batch", remedy="give one of them")
+        raise InputError("--scheduler and --scheduler-file both name it", where="vbaa batch", remedy="give one of them")
     if elsewhere and (args.jobs is not None or args.memory != "auto"):
         remedy = "leave out --jobs and --memory: the cluster says how many workers it has, and how large they are"
-        raise InputError("they are of a cluster on this machine", where="vbaa batch", remedy=remedy)
+        raise InputError("--jobs and --memory are for a cluster on this machine", where="vbaa batch", remedy=remedy)
     if not elsewhere and (args.insecure_scheduler or any(tls.values())):
         remedy = "leave them out: keys of a cluster on this machine are made for it"
         raise InputError("--tls-… and --insecure-scheduler belong to --scheduler", where="vbaa batch", remedy=remedy)

@@ -120,7 +120,7 @@ def _over_time(args: argparse.Namespace, sessions: list[tuple[datetime, Path]]) 
             say(f"{name}: {error}")
             failed[name] = str(error)
     if len(rigs) < 2:
-        raise InputError("fewer than two sessions were calibrated", where=root, remedy="see what is said of each")
+        raise InputError("fewer than two sessions were calibrated", where=root, remedy="see the message on each")
     found = over_time(rigs, days)
     dates = [f"{date:%Y-%m-%d %H:%M}" for (date, _), name in zip(sessions, names, strict=True) if name not in failed]
     lines = [*words(found), *wrong, *(f"{name} was left out: {why}" for name, why in failed.items())]

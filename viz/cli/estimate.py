@@ -122,14 +122,14 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.session import refuse_measured
 
     if args.no_report and args.report is not None:
-        raise InputError("--report and --no-report", where="vbaa estimate", remedy="give one of them")
+        raise InputError("--report contradicts --no-report", where="vbaa estimate", remedy="give one of them")
     if (args.session is None) == (args.centrelines is None):
         remedy = "give a session, a bag or a video, or --centrelines"
-        raise InputError("what is to be estimated is not named, or twice", where="vbaa estimate", remedy=remedy)
+        raise InputError("exactly one recording is needed", where="vbaa estimate", remedy=remedy)
     if args.line is not None and args.centrelines is None:
-        raise InputError("--line", where="vbaa estimate", remedy="it is of --centrelines")
+        raise InputError("--line is for --centrelines", where="vbaa estimate", remedy="leave it out")
     if args.rate is not None and (args.centrelines is None or args.readings is not None or not 0.0 < args.rate < 1e9):
-        raise InputError("--rate", where="vbaa estimate", remedy="it is of --centrelines without --readings, in Hz")
+        raise InputError("--rate is for --centrelines without --readings", where="vbaa estimate", remedy="leave it out")
     if args.clock_offset != "0" and (args.session is None or _is_session(args.session)):
         remedy = "leave it out: here every reading stands beside its picture"
         raise InputError("--clock-offset is for a bag, a video or a table of pictures", remedy=remedy)
@@ -347,7 +347,7 @@ def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimat
     estimator = _estimator(args, rig, None)
     if args.centrelines is not None:
         if args.background is not None:
-            raise InputError("--background", where="vbaa estimate", remedy="there are no pictures to take it off")
+            raise InputError("--background is for pictures only", where="vbaa estimate", remedy="leave it out")
         frames, lines = streams.tracked(args, tuple(rig.cameras) if rig.others else ())
         if args.no_moment:
             frames = without_moments(frames)
@@ -383,8 +383,8 @@ def _of_moving_clamps(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstima
 
     for name in ("background", "overlay"):
         if getattr(args, name) is not None:
-            remedy = "leave it out: there are no pictures, only lines"
-            raise InputError(f"--{name}", where="vbaa estimate", remedy=remedy)
+            what = f"--{name} is for pictures; there are only lines"
+            raise InputError(what, where="vbaa estimate", remedy="leave it out")
     frames, lines = streams.tracked_antennas(args)
     if len(lines) == len(rig.antennas) == 1:
         lines = dict(zip(rig.antennas, lines.values(), strict=True))

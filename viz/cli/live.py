@@ -90,10 +90,10 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     if not 0.0 < args.idle <= 1e9:
         raise InputError(f"--idle is {args.idle}", where="vbaa live", remedy="give seconds, more than 0")
     if args.background == AUTO:
-        remedy = "give a picture without the antenna: what is still to come cannot be learnt from"
-        raise InputError("--background auto", where="vbaa live", remedy=remedy)
+        remedy = "give a picture without the antenna"
+        raise InputError("--background auto needs pictures that are yet to come", where="vbaa live", remedy=remedy)
     if args.lines and args.json:
-        raise InputError("--lines and --json", where="vbaa live", remedy="give one of them: both write to stdout")
+        raise InputError("--lines and --json both write to stdout", where="vbaa live", remedy="give one of them")
     rig = usable_rig(args.rig, args.accept_rig)
     rig = replace(rig, drift=drift_of(args.drift, rig.drift, track_zero=args.track_zero))
     estimator = ContactEstimator(rig, args.model, friction=args.friction, jobs=1)
@@ -140,13 +140,13 @@ def _source(args: argparse.Namespace, rig: Rig, timing: Timing) -> MessageSource
     path = Path(args.source)
     if is_recorded(path) and args.source != "-":
         if args.udp is not None:
-            remedy = "what was recorded needs readings that were, too: --readings"
-            raise InputError("--udp", where="vbaa live", remedy=remedy)
+            remedy = "give recorded readings with a recorded source: --readings"
+            raise InputError("--udp is for live sources", where="vbaa live", remedy=remedy)
         _key(args)
         return streams.recorded(args, path, rig, timing)
     if args.readings is not None:
-        remedy = "readings that come meanwhile: --udp, or standard input"
-        raise InputError("--readings is for what was recorded", where="vbaa live", remedy=remedy)
+        remedy = "give live readings with a live source: --udp, or standard input"
+        raise InputError("--readings is for recorded sources", where="vbaa live", remedy=remedy)
     key = _key(args)
     listening = None if args.udp is None else udp_socket(args.udp)
     try:

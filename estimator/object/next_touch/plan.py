@@ -435,7 +435,7 @@ def _touches_within(
         std, after = _of_surface(found, reach, seen)
     if not np.isfinite(after).any():
         raise InputError(
-            f"no touch within the joint limits would tell anything of the {goal}",
+            f"no touch within the joint limits would add information on the {goal}",
             remedy="widen the limits" if goal != "friction" else "touch the object beside where it was touched first",
         )
     return _Options(goal, reach, end, std, after, arrays.length_m)

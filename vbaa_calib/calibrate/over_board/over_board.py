@@ -363,7 +363,8 @@ def _from_clamp(line: BoardLine, plane: PlaneAbove, guess: Pose | None, setup: O
     if setup.clamp is not None:
         near = np.linalg.norm(ends - setup.clamp.point_px, axis=1)
         if near.min() > _OverBoardFitSettings.ambiguous_side * near.max():
-            raise InputError("the clamp's mark is as near to one end of the antenna as to the other", where=where)
+            what = "the clamp's mark is as near to one end of the antenna as to the other"
+            raise InputError(what, where=where, remedy="set over.clamp_px in session.yaml to the clamp's edge")
         return line if near[0] < near[1] else line.reversed()
     if guess is not None:
         along = plane.T_camera_board.rotation @ np.append(np.diff(plane.to_plane(ends)[0], axis=0)[0], 0.0)

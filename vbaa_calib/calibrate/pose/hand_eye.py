@@ -764,7 +764,7 @@ def _checked_pose(pose: Pose, name: str) -> Pose:
     rotation, place = np.asarray(pose.rotation, float), np.asarray(pose.translation_m, float)
     fits = rotation.shape == (3, 3) and place.shape == (3,) and np.isfinite(rotation).all() and np.isfinite(place).all()
     if not fits or np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0.0:
-        raise InputError(f"{name} is none", remedy="give a rotation matrix, and metres")
+        raise InputError(f"{name} is no valid pose", remedy="give a rotation matrix, and metres")
     return Pose(_nearest_rotation(rotation), place)
 
 

@@ -93,7 +93,10 @@ class AntennaFinder:
         """
         if image.shape != (self.image_size[1], self.image_size[0]):
             seen, meant = ("x".join(map(str, size)) for size in (image.shape[::-1], self.image_size))
-            raise InputError(f"the picture is {seen}, the finder was made for {meant}", remedy="one picture size a rig")
+            raise InputError(
+                f"the picture is {seen}, the finder was made for {meant}",
+                remedy="use the size of the calibration",
+            )
         image = _finite(image)
         if bright is None:
             return self._likely(image, image if picture is None else _finite(picture))
