@@ -59,7 +59,7 @@ class RigWatch:
             for most in (WatchSettings.without_contact, WatchSettings.with_contact)
         ]
         self._next, self._rests_until_s, self._named = WatchSettings.every, 0.0, ""
-        self._part, self._times = "", 0  # that the last judgements name, and how many of them
+        self._part, self._times = "", 0  # part named by the last judgements, and the number of these in a row
         self._thread: ThreadPoolExecutor | None = None
         self._coming: Future[tuple[RecordingVerdict, str, float]] | None = None
 

@@ -31,68 +31,68 @@ class RecordingSettings:
     screened: int = (
         8  # frames, the least bent ones, by which hypotheses about joints and pictures are compared at first
     )
-    thinned: int = 3  # of so many frames one, by which hypotheses about moments are compared at first
-    fewest_moments: int = 5  # moments of which something can be learnt
-    followed: int = 3  # of the best of them, and of the changes of the rig, are compared by all frames
+    thinned: int = 3  # hypotheses about moments are compared by every third frame at first
+    fewest_moments: int = 5  # fewer moments tell nothing about their sensor
+    followed: int = 3  # best hypotheses about moments, and best changes of the rig, that are compared by all frames
     promising: float = 3.0  # log odds by first order from which a change of the rig is fitted
     varies_rad: float = 0.02  # range of a joint below which it says nothing
-    varies_std: float = 6.0  # range of the moment, in standard deviations of its noise, likewise
-    unlikely: float = 4.0  # log odds beforehand against each row
+    varies_std: float = 6.0  # range of the moment, in standard deviations of its noise, below which it says nothing
+    unlikely: float = 4.0  # prior log odds against each hypothesis
     hinted: float = 1.0  # log odds by few frames, or by the pictures alone, from which a row is compared by all frames
-    vague: float = 15.0  # the same against readings that say nothing: any that say something else go first
+    vague: float = 15.0  # the same for moments that say nothing: any hypothesis in which they say something goes first
     tilts_rad: tuple[tuple[float, ...], ...] = (  # where a joint may be that is not read: coarse, then finer steps
         *((-1.2, -0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9, 1.2), (-0.1, 0.1), (-0.03, 0.03)),
     )
     joint_step_rad: float = 0.0175  # scale of the prior (Cauchy) of an encoder's zero
     joint_most_rad: float = 0.5  # error of an encoder's zero up to which it is sought
-    joint_far_rad: float = 0.05  # error of the tilt that is not to pass unmentioned: a twentieth of the reach
-    lag_step: float = 0.3  # scale of the prior (Cauchy) of what a clock is off by, rows
-    lag_most: int = 16  # rows that a clock is off by up to which it is sought: a camera's delay at 100 Hz
-    bends_std: float = 8.0  # second difference of moments, in their noise, up to which they can be interpolated
-    knows: float = 0.3  # standard deviation of what a picture says of its moment, of the readings' range, at most
-    visible: float = 0.3  # of the points' or the moment's standard deviation, what other joint angles change at least
-    fewest_after: int = 5  # frames after a change during the recording
-    hopeless: float = 0.5  # part of the frames that nothing explains from which the pictures may have another scale
+    joint_far_rad: float = 0.05  # error of the tilt that must be reported: a twentieth of the reach
+    lag_step: float = 0.3  # scale of the prior (Cauchy) of a clock's error, rows
+    lag_most: int = 16  # largest error of a clock that is sought, rows: a camera's delay at 100 Hz
+    bends_std: float = 8.0  # second difference of moments, over their noise, up to which they can be interpolated
+    knows: float = 0.3  # largest standard deviation of a picture's moment that counts, over the readings' range
+    visible: float = 0.3  # least change by other joint angles, over the points' or the moment's standard deviation
+    fewest_after: int = 5  # least number of frames after a change during the recording
+    hopeless: float = 0.5  # part of unexplained frames from which the pictures may have another scale
     usual: float = 2.5  # cost per frame where all is as reported
     splits: int = 8  # places in a recording at which a rig may change
 
-    # which frames are kept, and what is no chance in the series of readings
+    # which frames are kept, and thresholds of faults in the series of readings
     first: int = 10  # frames at the beginning, which often show the free antenna
     spread: int = 22  # further frames, spread over the recording
-    scatter: int = 10  # of them, by which the points' scatter is measured
-    fewest: int = 8  # frames that tell anything from noise
-    fewest_points: int = 5  # of a frame that is a witness
+    scatter: int = 10  # of the spread frames, number by which the points' scatter is measured
+    fewest: int = 8  # fewer frames tell nothing from noise
+    fewest_points: int = 5  # least number of points of a frame that is a witness
     coarse_std: float = 5.0  # steps of the moments, in standard deviations of their noise, from which they are doubted
     coarse_wrong_std: float = 12.0  # the same from which they are wrong: a rounded one is up to half a step off
-    lattice: float = 0.02  # of a step, that moments of few digits lie off multiples of it at most
-    fewest_values: int = 4  # different moments that tell their steps
+    lattice: float = 0.02  # moments of few digits lie this close to multiples of their step, over the step
+    fewest_values: int = 4  # fewer different moments do not tell their step
     kept: float = 0.2  # part of the rows with the moment of the row before from which it is read less often
     typical: float = 0.9  # quantile of the changes of the moment that says how much such a row is off
-    at_limit: int = 3  # moments exactly at the largest or smallest of all, from which on they are at a limit
-    at_limit_share: float = 0.04  # share of such moments among all, least
-    distinct: float = 0.8  # part of the other moments that differ from each other, where they have digits enough
+    at_limit: int = 3  # moments equal to the largest or smallest of all from which on the sensor is at its limit
+    at_limit_share: float = 0.04  # least share of such moments among all
+    distinct: float = 0.8  # part of the other moments that differ from each other where they have enough digits
     beyond_std: float = 4.0  # standard deviations by which pictures ask for more than a moment at the end of its range
-    repeated: int = 2  # rows with the picture of the row before from which on the camera had stopped
-    joints_rad: float = 0.05  # range of the joints from which on they are to be tested
-    apart_s: float = 8.0  # time between frames that is more likely in another unit
-    other_shape: float = 2.0  # ratio of the points' distance from fitted shapes to their scatter, likewise
-    shared: float = 0.2  # part of the scatter's excess that all lines share from which it is the antenna's shape
-    spike_share: float = 3.0  # distance of a spike from the mean of its neighbours, over theirs from each other, least
-    spike_std: float = 10.0  # the same in its noise, least
-    spikes: int = 2  # of them from which they are the sensor's, not the contact's
-    unexplained: float = 0.2  # part of the frames that nothing explains from which that is reported
-    contradicting: float = 0.5  # the same from which those that are left are not believed, either
+    repeated: int = 2  # rows that repeat the picture of the row before from which on the camera had stopped
+    joints_rad: float = 0.05  # range of the joints from which on their encoders are tested
+    apart_s: float = 8.0  # time between frames from which it is more likely in another unit
+    other_shape: float = 2.0  # distance of the points from fitted shapes, over their scatter, that is not noise
+    shared: float = 0.2  # part of the scatter's excess, common to all lines, from which the antenna's shape explains it
+    spike_share: float = 3.0  # least distance of a spike from its neighbours' mean, over that between the neighbours
+    spike_std: float = 10.0  # least distance of a spike from its neighbours' mean, over the noise
+    spikes: int = 2  # spikes from which on they are the sensor's, not the contact's
+    unexplained: float = 0.2  # part of unexplained frames from which they are reported
+    contradicting: float = 0.5  # part of unexplained frames from which the explained ones are not believed either
 
     # pictures in the wrong rows
-    compared: int = 64  # rows with pictures that are compared at once
-    places: int = 8  # along the antenna, by which its pictures are compared
-    fewest_places: int = 3  # of them that both show
-    jumps: float = 0.7  # distance of a picture from the mean of its neighbours, over theirs from each other, of a jump
-    jump_sigma: float = 3.0  # the same over the standard deviation of its points
-    most_jumps: int = 32  # of a recording, whose place is sought among all rows
-    series: float = 0.2  # part of the rows with pictures that leap, up to which they are a series in time
+    compared: int = 64  # rows with pictures that are compared with each other at once
+    places: int = 8  # places along the antenna at which its pictures are compared
+    fewest_places: int = 3  # least number of places that both pictures show
+    jumps: float = 0.7  # least distance of a jumping picture from its neighbours' mean, over theirs from each other
+    jump_sigma: float = 3.0  # the same distance over the standard deviation of its points
+    most_jumps: int = 32  # most jumps of a recording for which the right rows are sought
+    series: float = 0.2  # part of jumping pictures up to which the rows are a series in time
 
-    # when a recording is judged while it runs, and what of its witnesses may be missing
+    # when a recording is judged while it runs, and how many witnesses it may lack
     judged: int = 64  # frames after which a recording is judged for the first time; then at twice as many each time
     unused_share: float = 0.1  # part of the frames in which a witness may contradict the rest before that is a finding
-    fewest_used: int = 20  # frames of which that part counts
+    fewest_used: int = 20  # least number of frames over which that part is taken

@@ -105,11 +105,11 @@ def as_levels(pixels: np.ndarray) -> np.ndarray:
 
 
 def _as_sampled(pixels: np.ndarray, cell_px: int = 8, chroma: float = 0.05) -> np.ndarray:
-    """A picture (H, W, 3) in which a colour filter's samples were interpolated linearly, with each pixel's own sample
-    in all channels where it is grey; (H, W) if all of it is. Others unchanged.
+    """A demosaiced picture (H, W, 3) with the sensor's own sample in all channels of its grey pixels, (H, W) if all are
+    grey; a picture that was not interpolated linearly from a colour filter's samples stays as it is.
 
-    cell_px, chroma : a cell is coloured where its mean channels differ by more than that part of the brightest pixel:
-    a line of fewer colours is moved by less than 0.02 px.
+    cell_px : side of the cells that are grey or coloured. chroma : a cell is coloured where its mean channels differ
+        by more than this part of the brightest pixel; less colour moves a line by less than 0.02 px.
     """
     if pixels.ndim < 3 or min(pixels.shape[:2]) < 2 * cell_px:
         return pixels

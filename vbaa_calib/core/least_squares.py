@@ -63,8 +63,9 @@ def levenberg_marquardt(
     """Minimises a cost by Levenberg–Marquardt; returns the point, the decrease that its next step predicts, and
     whether the iterations were exhausted.
 
-    step : of a point and a damping, in units of the diagonal of the normal equations; and the decrease it promises.
-    moved : the point a step further; None where there is none.
+    step : gives the step, and the decrease of the cost it predicts, at a point and with a damping in units of the
+        diagonal of the normal equations.
+    moved : gives the point after a step; None where it is not valid.
     """
     damping, promise = rules.damping, np.inf
     for _ in range(rules.iterations):

@@ -215,7 +215,7 @@ Channels = dict[str, MomentReadings]
 
 
 def _better(channels: Channels, changed: Mapping[str, tuple[MomentReadings, float, float]]) -> float:
-    """Log odds of a fault that changes readings over the reported ones. changed : by channel the readings without it,
+    """Log odds that channels have a fault, over their being as reported. changed : by channel the readings without it,
     and the mean and standard deviation of their gain."""
     now = sum(one.log_likelihood(gain, std)[0] for one, gain, std in changed.values()) + SETTINGS.sensor_fault
     return now - sum(channels[name].reported for name in changed)

@@ -218,7 +218,8 @@ def _slips(witness: Witness, which: Sequence[int], log_prior: float) -> Iterator
 
 
 def _one_load(witness: Witness, index: int, less: float) -> Iterator[_Mistake]:
-    """Hypotheses of the distance and force of one load."""
+    """Hypotheses of wrong distance, force and direction of one load. less : logarithm of the number of pictures, which
+    lowers the prior log odds of each."""
     name, load = name_of(witness.problem.observations, index), dict(witness.loads)[index]
     length_m = witness.problem.length_m
 

@@ -32,17 +32,17 @@ from vbaa_calib.wizard.session_state import SessionState
 class _ContradictionSettings:
     """Thresholds from which a picture contradicts what was typed."""
 
-    moved_px: float = 2.0  # median of the corners, of a jig that stands still
+    moved_px: float = 2.0  # median shift of the corners from which the jig has moved
     times_lens_rms: float = 4.0  # scatter of the jig's corners, over that of the lens' own pictures
-    least_rms_px: float = 1.0  # and at least this
-    in_view: float = 0.25  # share of the antenna that has to be in the picture
-    distance_ratio: float = 1.3  # of the camera's distances as seen and as typed, to 20 %
-    contradicts_std: float = 2.0  # of the free antenna's place: chance 1e-3, were all as a careful builder makes it
-    fits_std: float = 1.3  # of an entry that would fit
-    softer: tuple[float, ...] = (0.5, 1.0, 3.0)  # than typed: by another material or diameter
+    least_rms_px: float = 1.0  # least scatter from which it is reported
+    in_view: float = 0.25  # least share of the antenna in the picture
+    distance_ratio: float = 1.3  # ratio of the camera's distance as seen to that typed, to 20 %
+    contradicts_std: float = 2.0  # of the free antenna from which it contradicts an answer: probability 1e-3 by chance
+    fits_std: float = 1.3  # standard deviations up to which a corrected answer fits
+    softer: tuple[float, ...] = (0.5, 1.0, 3.0)  # factors by which EI may be smaller: another material or diameter
     other_material: float = 1.5  # ratio of Young's moduli from which on the sag tells materials apart
-    sag_std: float = 4.0  # of the logarithm of EI over mass by the sag
-    hidden_std: float = 0.03  # share of the free antenna that is not seen
+    sag_std: float = 4.0  # standard deviation of the logarithm of EI over mass by the sag
+    hidden_std: float = 0.03  # standard deviation of the unseen share of the free antenna
     alike_std: float = 0.8  # entries between which the picture cannot decide
 
 

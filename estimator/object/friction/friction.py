@@ -36,8 +36,8 @@ class FrictionSettings:
     """Thresholds of the friction coefficient and of the touches that determine it."""
 
     largest_mu: float = 2.0  # no larger μ is searched
-    bound_loss: float = 0.5 * 1.645**2  # log likelihood that a bound which holds in 95 % costs
-    spared: int = 2  # touches inside the cone that may be wrong without having set a bound
+    bound_loss: float = 0.5 * 1.645**2  # rise of the cost at a bound that holds with 95 % probability
+    spared: int = 2  # touches farthest outside the cone that do not count for a bound, as they may be wrong
     interval: float = 0.95  # share of the posterior in the stated interval
     coarse_points: int = 41  # of the first grid of μ
     fine_points: int = 61  # of the grid about the best μ

@@ -11,8 +11,8 @@ class LensSettings:
     is preferable otherwise is taken."""
 
     # what a lens is solved from
-    min_corners: int = 6  # of a view, least
-    min_views: int = 3  # least
+    min_corners: int = 6  # fewest corners of a view
+    min_views: int = 3  # fewest views
     candidates: tuple[str, ...] = (
         "none",
         "radial",
@@ -37,19 +37,19 @@ class LensSettings:
         0.15,
     )  # λ of x/(1 + λr²), corner at r = 1
     start_views: int = 10  # by which starts are compared
-    start_corners: int = 40  # of each of them
+    start_corners: int = 40  # corners of each of these views
     same_start: float = 1.05  # ratio of two starts' noise up to which they count as one
     same_start_px: float = 0.02  # further difference of two starts' noise up to which they count as one
     wrong_pose: float = 3.0  # median error of a view over that of all, from which it is posed anew
     least_ray_z: float = 0.1  # z of a ray's unit vector from which its corner helps to pose a view
-    homography_samples: int = 64  # of four corners, that a homography is sought among
-    usual_noise_px: float = 0.2  # of a corner, before it is measured
-    least_noise_px: float = 1e-3  # of a corner, by which the board's prior is weighed
+    homography_samples: int = 64  # samples of four corners among which a homography is sought
+    usual_noise_px: float = 0.2  # noise of a corner before it is measured
+    least_noise_px: float = 1e-3  # least noise of a corner against which the board's prior is weighed
 
     # folding
     unfolding_slopes: tuple[float, ...] = (0.1, 0.2, 0.35)  # least slopes of the radial curve, tried in turn
-    unfolding_weight: float = 1e4  # of the penalty on a smaller slope, over the corners' variance
-    unfolding_may_cost: float = 0.01  # of the squared residuals, that the penalty may add
+    unfolding_weight: float = 1e4  # weight of the penalty on a smaller slope, over the corners' variance
+    unfolding_may_cost: float = 0.01  # largest part of the squared residuals that the penalty may add
     unfolding_chance: float = 20.0  # number of parameters; what they explain by chance is allowed to the penalty, too
     radii: int = 160  # at which a radial curve is sampled
     widest_rad: float = 1.5  # angle off the axis up to which one lens is fitted to another
@@ -66,35 +66,35 @@ class LensSettings:
     shape_share: float = 1e-3  # stretch, or shear in rad, from which it is reported
 
     # outlying corners and noisy views
-    outlier_chance: float = 1e-6  # of a good corner to lie beyond the limit
+    outlier_chance: float = 1e-6  # probability that a good corner lies beyond the limit
     outlier_px: float = 0.25  # distance from which a corner may be an outlier
     outlier_rounds: int = 8  # of finding the limit, and of leaving out corners, most
-    first_limit: float = 5.0  # in median distances, from which the limit grows
-    blurred: float = 5.0  # times the limit that a noisy view is allowed, most
+    first_limit: float = 5.0  # limit from which the search begins, in median distances
+    blurred: float = 5.0  # most by which a noisy view's limit may exceed the usual one
     noisier: float = 1.2  # noise over the median view's from which a view counts less
-    usual_corners: int = 10  # by which a view of few corners is taken for one of usual noise
+    usual_corners: int = 10  # corners of usual noise that count in addition to a view's own in its noise
     outlying: float = 3.5  # scaled median deviations above the median rms, from which a view is reported as outlying
 
     # held-out views, and halves of the views
     folds: int = 5  # into which views are dealt
     solved_anew: float = 1.1  # ratio of held-out to fitted squares above which each fold is solved anew
-    determined: float = 1e-10  # smallest singular value over the largest, from which all parameters are determined
+    determined: float = 1e-10  # least over largest singular value from which all parameters are determined
     left_by_poses: float = 1e-7  # part of a parameter's column that poses leave, from which it is no rounding
     halved_views: int = 6  # fewest whose halves are compared
-    half_open: float = 1e6  # condition from which a half leaves the lens open, of directions that all views see alike
+    half_open: float = 1e6  # condition number of the shared directions from which a half does not determine the lens
     halves_agree: float = 1e-4  # p-value below which they contradict each other: so of one good set in 10,000
 
     # expected error over the picture
     uncertainty_grid: tuple[int, int] = (17, 13)  # columns and rows of pixels at which a lens is judged
     unseen_px: float = 1e3  # error of a pixel without a ray
     least_error_px: float = 1e-4  # error of a pixel, least
-    chance_bias: float = 2.0  # times the variance of a difference, that its square has by chance
+    chance_bias: float = 2.0  # times the variance of a difference that its square is reduced by, as chance adds as much
 
     # a known lens; its assumed deviations are those of OpenCV's solutions of two thirds of the views of four real sets
     focal_std: float = 0.003  # relative deviation of the focal length, where the file states none: they were 0.07–0.5 %
     aspect_std: float = 0.001  # relative deviation of fx/fy: they were 0.02–0.13 %
     centre_per_width: float = 0.0025  # deviation of the centre over the width: they were 0.1–0.8 %
-    corner_per_width: float = 0.0008  # of what distortion does to the picture's corner: they were 0.03–0.7 %
+    corner_per_width: float = 0.0008  # standard deviation of the distortion at the picture's corner: it was 0.03–0.7 %
     uncorrected_per_width: float = 0.02  # the same where all coefficients are zero: ordinary lenses have up to this
     vague_start: float = 0.05  # relative deviation of the focal length from which a lens is no start
     known_floor_px: float = 0.1  # difference from the pictures' own lens up to which nothing follows
@@ -102,15 +102,15 @@ class LensSettings:
     correlated: float = 2.0  # ratio of the pictures' own lens' deviations to those of independent corners
 
     # corners that others have found
-    most_rise: float = 0.02  # of a board's points along z, over its extent
-    furthest_px: float = 1e6  # of a corner
-    most_px: int = 100_000  # of a picture's width or height
+    most_rise: float = 0.02  # largest height of a board's points along z, over its extent
+    furthest_px: float = 1e6  # largest coordinate of a corner
+    most_px: int = 100_000  # largest width or height of a picture
 
     # what is reported of a lens
-    vague_focal: float = 0.02  # relative deviation of the focal length from which it is
-    covered: float = 0.5  # share of an 8 x 6 grid over the picture with corners, below which it is
-    scattered: float = 2.0  # contradictions of views over the scatter of corners, from which they are
-    most_rms_px: float = 3.0  # of a lens that may be used: beyond, corners are of other boards or cameras
+    vague_focal: float = 0.02  # relative standard deviation of the focal length from which it is reported as vague
+    covered: float = 0.5  # share of the cells of an 8 x 6 grid with corners below which the lens is reported
+    scattered: float = 2.0  # contradictions of views over the scatter of corners from which they are reported
+    most_rms_px: float = 3.0  # largest rms of a lens that may be used: beyond, corners are of other boards or cameras
 
     # between lens models
     monotonic_may_cost: float = 1.1  # of lenses that do not fold: one that does maps two directions to one pixel
@@ -125,17 +125,17 @@ class LensSettings:
     centred_may_cost: float = 1.15  # ratio of expected errors: every lens is a little decentred
 
     # views that contradict the others
-    view_noise: float = 5.0  # times that of the median view; corners of blurred views have no more room either
+    view_noise: float = 5.0  # most noise of a view over the median view's; corners of blurred views have no more room
     least_px: float = 0.25  # noise, rms of a corner, that is never too much
     fewest_views: int = 6  # of fewer, those that are right are not known
-    solved_without: int = 9  # views at most of which each in turn is left out: so few bend the lens to fit a wrong one
-    halved: float = 0.5  # of the rms of all views, without the one that is wrong
-    unchanged: float = 0.75  # of the rms of all views, without any other
-    most_left_out: float = 0.15  # of the views, but one at least; if more contradict, they are no outliers
-    changed_by: float = 3e-3  # of the focal length, relative, of views at the beginning or the end that agree
+    solved_without: int = 9  # most views of which each in turn is left out: so few bend the lens to fit a wrong one
+    halved: float = 0.5  # rms without the wrong view over that of all, most
+    unchanged: float = 0.75  # rms without any other view over that of all, least
+    most_left_out: float = 0.15  # largest part of the views, but one at least; if more contradict, they are no outliers
+    changed_by: float = 3e-3  # relative change of the focal length, over consistent views in order, that is reported
 
     # how far a step of the lens counts as linear
-    shares: tuple[float, ...] = (1.0, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3)  # of a standard deviation, tried in turn
+    shares: tuple[float, ...] = (1.0, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3)  # steps, in standard deviations, tried in turn
     bend: float = 0.3  # part of a linear displacement of the picture by which the true one may differ from it, at most
     negligible_px: float = 0.02  # rms over the picture below which a difference does not count
     grid: tuple[int, int] = (9, 7)  # columns and rows of the pixels that are compared

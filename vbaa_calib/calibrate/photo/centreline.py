@@ -653,8 +653,8 @@ def _goes_on(
 def _rod_odds(parts: dict[str, float], known: int, covered: bool, loose: float, settings: RodSettings) -> float:
     """Log odds that a line with so many `known` ends is a rod and not something else with two edges.
 
-    covered : whether an end is in a shadow, or the line goes on. loose : from 0 to 1, where nothing is beyond either
-        end.
+    covered : whether an end is in a shadow, or the line goes on. loose : from 0, where something continues the line
+        beyond an end, to 1, where nothing does.
     """
     bend, length, contrast = parts["net"], float(np.log(parts["length_share"])), max(parts["contrast"], 1.0)
     edges = min(0.0, parts["edges"] - settings.good_edges)

@@ -177,7 +177,7 @@ def _area(
     if not total * contrast > 0.0 or abs(contrast) < 1.0:
         return None
     moment = weight @ offsets / total
-    # of weight · (offset − moment) / total, which is zero
+    # derivative of Σ weight · (offset − moment) / total = 0
     arm = (offsets[edge] - moment).T / total
     by_grey = np.zeros((2, len(offsets)))
     by_grey[:, edge] = -arm

@@ -651,7 +651,11 @@ class _Tracker:
     def _along(
         self, path: _PlanePath, paint: _LinePaint, beyond: float = 0.0, *, rough: bool = False, wary: bool = False
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Measured points (N, 2) px along a path, and their standard deviations (N,) across it."""
+        """Measured points (N, 2) px along a path, and their standard deviations (N,) across it.
+
+        beyond : part of the path's length that is searched beyond either end. rough : whether to start at rough
+            centres of the profiles instead of at the path. wary : as of `_fit`.
+        """
         cut = self._cut(path, beyond)
         fitted = _fit(cut, paint, _rough_centres(cut, paint) if rough else 0.0, wary=wary)
         wider = np.maximum(fitted.chi, 1.0)

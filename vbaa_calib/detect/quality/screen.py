@@ -62,7 +62,7 @@ def _too_poor(quality: ViewQuality, std_px: float, typical: tuple[float, ...]) -
     blur, (usual_blur, usual_contrast, usual_std) = quality.mean_blur_px, typical
     blurred = f"blurred by {blur:.1f} px ({quality.blur_in_words})"
     if blur > QualitySettings.most_blur_per_gap * quality.gap_px:
-        return f"{blurred}, and what lies {quality.gap_px:.1f} px off runs in"
+        return f"{blurred}, so that markers {quality.gap_px:.1f} px from the corners reach into them"
     if quality.saturated > QualitySettings.clipped and quality.edge_level > QualitySettings.grown:
         return f"overexposed: {100 * quality.saturated:.0f} % of the white is clipped and has grown over the edges"
     if not std_px > max(QualitySettings.noisier * usual_std, QualitySettings.noisy_px):

@@ -39,7 +39,7 @@ Values<NodeTables::PANEL> to_end(const Panel& panel, const Values<NodeTables::PA
 }
 
 void add_panels(const double* piece, Taper& taper) {
-    // of diameters at a panel's ends; of a panel
+    // largest ratio of the diameters at a panel's ends, and a panel's largest length
     constexpr double MOST_RATIO = 1.7, LONGEST = 0.5;
     const double start = piece[0], end = piece[1];
     const int power = static_cast<int>(piece[6]);

@@ -126,7 +126,7 @@ struct Tabled {
     }
 };
 
-// A number of each of the turns that are tried at once.
+// One number for each of the turns that are tried at once.
 using Turns = Pack<float, AT_ONCE * sizeof(float)>;
 
 // Places across a strip's rows of shapes with one contact, as functions of the turn and the offset at the clamp.

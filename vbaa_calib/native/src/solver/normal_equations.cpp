@@ -131,7 +131,8 @@ void feet_along_chord(const Rig& rig, const Frame& frame, Fit& fit) {
     }
 }
 
-// The curve is approximated by its parabola at the previous feet: a foot's error e leaves one of order e³.
+// Residuals of the points, with the curve's parabola at the previous feet: an error e of a foot becomes one of order
+// e³ in the residual.
 void point_residuals(const Rig& rig, const Frame& frame, Fit& fit) {
     const double length = rig.length_m, contact = fit.contact_m;
     const double inner = contact / CONTACT, outer = (length - contact) / NODES_BEYOND;
