@@ -463,7 +463,11 @@ def _lists(path: Path) -> _Lines:
         x, y = (_floats(cell.split(","), path, line) for cell in [*cells[1:], "", ""][:2])
         frame = _floats(cells[:1], path, line)[0]
         if len(x) != len(y) or not frame >= 0:
-            raise InputError("has no frame, or as many x as y", where=f"{path} line {line}", remedy="export it again")
+            raise InputError(
+                "has no frame number, or numbers of x and y that differ",
+                where=f"{path} line {line}",
+                remedy="export it again",
+            )
         number = count.get(int(frame), 0)
         count[int(frame)] = number + 1
         lines.append((str(number), int(frame), np.column_stack([x, y])))

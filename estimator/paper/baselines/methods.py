@@ -24,14 +24,14 @@ class _PressSettings:
 
     stands_out_std: float = 5.0  # standard deviations that the moment's growth, or the ringing, must exceed
     lateral_rad: float = 0.05  # angle between moment and turn, beyond noise, from which the contact slips laterally
-    fewest_periods: float = 2.0  # of a ringing
-    fewest_samples: int = 12  # of a ringing
+    fewest_periods: float = 2.0  # fewest periods of a ringing
+    fewest_samples: int = 12  # fewest samples of a ringing
     nodes: int = 65  # places at which the first mode is exact
-    finer: int = 8  # a periodogram than its own spacing
-    shares: tuple[float, float] = (0.6, 0.97)  # of the length, where the two points are taken
+    finer: int = 8  # frequencies of a periodogram per its own resolution
+    shares: tuple[float, float] = (0.6, 0.97)  # places of the two points, over the length
     uncertain: float = 0.1  # standard deviation of a distance, in lengths, from which it is withheld
     steep: float = 0.5  # slope of the straight part up to which deflections count as small (Assumption 1)
-    fewest_frames: int = 3  # for an object's stiffness
+    fewest_frames: int = 3  # fewest frames for an object's stiffness
     known: float = 0.2  # relative standard deviation of a force up to which it is used: the formulas are not linear
     compliance_std: float = 3.0  # standard deviations that the compliance must exceed
 
