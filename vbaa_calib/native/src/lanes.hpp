@@ -40,6 +40,7 @@ struct Pack {
     // A truth value for each number of a pack.
     struct Mask {
         using Part = decltype(Pack::Part{} < Pack::Part{});
+        using Bytes [[gnu::vector_size(WIDTH)]] = signed char;
         Part parts[PARTS];
 
         struct Lane {
@@ -67,11 +68,18 @@ struct Pack {
         }
         // whether any is true
         bool any() const {
+            static constexpr char none[WIDTH] = {};
             Part every = parts[0];
             for (int k = 1; k < PARTS; ++k) every |= parts[k];
-            auto found = every[0];
-            for (int lane = 1; lane < WIDTH; ++lane) found |= every[lane];
-            return found != 0;
+            const Bytes found = __builtin_convertvector(every, Bytes);
+            return std::memcmp(&found, none, WIDTH) != 0;
+        }
+        // 1 for what is true, else 0, in as many bytes
+        void put(bool* to) const {
+            for (int k = 0; k < PARTS; ++k) {
+                const Bytes found = __builtin_convertvector(parts[k], Bytes) & 1;
+                std::memcpy(to + k * WIDTH, &found, WIDTH);
+            }
         }
         Mask& operator&=(const Mask& other) { return *this = *this & other; }
         Mask& operator|=(const Mask& other) { return *this = *this | other; }
@@ -198,14 +206,41 @@ inline Lanes cos(const Lanes& values) {
     return values.mapped([](double value) { return std::cos(value); });
 }
 
-// The whole numbers below, or at, eight numbers that are not negative.
-inline Lanes truncated(const Lanes& values, int* whole) {
-    using Whole [[gnu::vector_size(Lanes::VECTOR / 2)]] = int;
-    return Lanes::each([&](int k) {
+// The whole numbers below, or at, numbers that are not negative.
+template <class T, int BYTES>
+Pack<T, BYTES> truncated(const Pack<T, BYTES>& values, int* whole) {
+    using Values = Pack<T, BYTES>;
+    using Whole [[gnu::vector_size(Values::WIDTH * sizeof(int))]] = int;
+    return Values::each([&](int k) {
         const Whole part = __builtin_convertvector(values.parts[k], Whole);
-        std::memcpy(whole + k * Lanes::WIDTH, &part, sizeof part);
-        return __builtin_convertvector(part, Lanes::Part);
+        std::memcpy(whole + k * Values::WIDTH, &part, sizeof part);
+        return __builtin_convertvector(part, typename Values::Part);
     });
+}
+
+// The numbers at places of two processor vectors, counted through both.
+template <int... PLACE>
+Lanes::Part shuffled(const Lanes::Part& one, const Lanes::Part& other) {
+#ifdef __clang__
+    return __builtin_shufflevector(one, other, PLACE...);
+#else
+    return __builtin_shuffle(one, other, Lanes::Mask::Part{PLACE...});
+#endif
+}
+
+// Sixteen numbers in pairs: the first of each, and the second.
+template <int... LANE>
+void unpair(const double* from, Lanes& first, Lanes& second, std::integer_sequence<int, LANE...>) {
+    for (int k = 0; k < Lanes::PARTS; ++k) {
+        Lanes::Part one, other;
+        std::memcpy(&one, from + 2 * k * Lanes::WIDTH, sizeof one);
+        std::memcpy(&other, from + (2 * k + 1) * Lanes::WIDTH, sizeof other);
+        first.parts[k] = shuffled<(2 * LANE)...>(one, other);
+        second.parts[k] = shuffled<(2 * LANE + 1)...>(one, other);
+    }
+}
+inline void unpair(const double* from, Lanes& first, Lanes& second) {
+    unpair(from, first, second, std::make_integer_sequence<int, Lanes::WIDTH>());
 }
 
 // Exchange the off-diagonal blocks of STEP × STEP numbers, of two rows STEP apart.
@@ -215,16 +250,9 @@ void exchange_blocks(Lanes& above, Lanes& below, std::integer_sequence<int, LANE
     for (int k = 0; k < Lanes::PARTS; ++k) {
         Lanes::Part &one = above.parts[k], &other = below.parts[k];
         if constexpr (STEP < width) {
-#ifdef __clang__
             const Lanes::Part was = one;
-            one = __builtin_shufflevector(was, other, (LANE / STEP % 2 ? width + LANE - STEP : LANE)...);
-            other = __builtin_shufflevector(was, other, (LANE / STEP % 2 ? width + LANE : LANE + STEP)...);
-#else
-            using Places = Lanes::Mask::Part;
-            const Lanes::Part was = one;
-            one = __builtin_shuffle(was, other, Places{(LANE / STEP % 2 ? width + LANE - STEP : LANE)...});
-            other = __builtin_shuffle(was, other, Places{(LANE / STEP % 2 ? width + LANE : LANE + STEP)...});
-#endif
+            one = shuffled<(LANE / STEP % 2 ? width + LANE - STEP : LANE)...>(was, other);
+            other = shuffled<(LANE / STEP % 2 ? width + LANE : LANE + STEP)...>(was, other);
         } else if (k / parts % 2 == 0) {
             std::swap(above.parts[k + parts], other);
         }

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <type_traits>
 
 #include "lens_maps.hpp"
 
@@ -26,6 +27,13 @@ void in_vectors(View<const Number<T>, 2> points, Work work) {
     for (int begin = 0; begin < points.shape[0]; begin += COUNT) {
         const int some = std::min(COUNT, points.shape[0] - begin);
         const Number<T>* from = points.data + static_cast<std::size_t>(begin) * K;
+        if constexpr (K == 2 && std::is_same_v<T, Lanes>) {
+            if (some == COUNT) {
+                unpair(from, at[0], at[1]);
+                work(begin, some, at);
+                continue;
+            }
+        }
         for (int lane = 0; lane < COUNT; ++lane)
             for (int k = 0; k < K; ++k) at[k][lane] = from[std::min(lane, some - 1) * K + k];
         work(begin, some, at);
@@ -54,7 +62,11 @@ T known(Mask<T> valid, T values) {
 
 template <class T>
 void put_valid(bool* to, int begin, int some, Mask<T> valid) {
-    for (int lane = 0; lane < some; ++lane) to[begin + lane] = valid[lane] != 0;
+    if (some == Kind<T>::count) {
+        valid.put(to + begin);
+        return;
+    }
+    for (int lane = 0; lane < some; ++lane) to[begin + lane] = valid[lane];
 }
 
 // A 2 × 2 matrix.
@@ -103,12 +115,15 @@ T first_ratio(const RadialTable& table, T distorted_radius) {
     const T limit = T{} + S(table.distorted_limit);
     const T within = choose(distorted_radius < limit, T(distorted_radius), T(limit));
     const T place = S(table.nodes_per_unit) * (within / (S(1) + within));
-    T node, step, index;
+    T node, step;
+    int index[Kind<T>::count];
+    const S last = S(table.nodes.size() - 1);
+    // at the table's end, or beyond it, the last node has no step
+    const T before = truncated(choose(place < T{} + last, place, T{} + last), index);
     for (int lane = 0; lane < Kind<T>::count; ++lane) {
-        const int i = table.node(place[lane]);
-        node[lane] = S(table.nodes[i]), step[lane] = S(table.steps[i]), index[lane] = S(i);
+        node[lane] = S(table.nodes[index[lane]]), step[lane] = S(table.steps[index[lane]]);
     }
-    return (node + (place - index) * step) / (within + S(1e-15));
+    return (node + (place - before) * step) / (within + S(1e-15));
 }
 
 template <class T>
