@@ -13,23 +13,25 @@ namespace {
 constexpr double LEAST_DAMPING = 1e-12;  // a direction without information stays where it is
 constexpr int SWEEPS = 12;               // of Jacobi's rotations; 4 × 4 are diagonal to the last digit after five
 
-// Subtracts the contributions of the rows above from row a, in COUNT vectors of columns from `first` on. Two sums take
-// every second row each, so that additions do not wait for one another.
+// Subtracts the contributions of the rows above, which have one over their pivots on the diagonal, from row a, in COUNT
+// vectors of columns from `first` on. Two sums take every second row each, so that additions do not wait for one
+// another.
 template <int COUNT>
 void eliminate(Matrix factor, int a, int first) {
     const int wide = factor.shape[1];
     Lanes first_sum[COUNT], second[COUNT];
     double* own = &factor(a, first);
     for (int c = 0; c < COUNT; ++c) first_sum[c] = load(own + c * LANES), second[c] = spread(0.0);
-    const double *row = factor.data + first, *part = factor.data + a;
-    for (int pair = 0; pair < a / 2; ++pair, row += 2 * wide, part += 2 * wide) {
+    const double *row = factor.data + first, *part = factor.data + a, *inverse = factor.data;
+    for (int pair = 0; pair < a / 2; ++pair, row += 2 * wide, part += 2 * wide, inverse += 2 * (wide + 1)) {
+        const double one = part[0] * inverse[0], other = part[wide] * inverse[wide + 1];
         for (int c = 0; c < COUNT; ++c) {
-            first_sum[c] -= part[0] * load(row + c * LANES);
-            second[c] -= part[wide] * load(row + wide + c * LANES);
+            first_sum[c] -= one * load(row + c * LANES);
+            second[c] -= other * load(row + wide + c * LANES);
         }
     }
     for (int c = 0; c < COUNT; ++c) {
-        if (a % 2) first_sum[c] -= part[0] * load(row + c * LANES);
+        if (a % 2) first_sum[c] -= part[0] * inverse[0] * load(row + c * LANES);
         store(own + c * LANES, first_sum[c] + second[c]);
     }
 }
@@ -119,10 +121,8 @@ void rotate_all(double (&matrix)[SIZE][SIZE], double (&axes)[SIZE][SIZE], std::i
 
 void factorise(ConstMatrix information, int first, int size, double damping, Matrix factor, Vector scale) {
     const int filled = whole_lanes(size);
-    for (int a = 0; a < size; ++a) {
-        const double own = information(first + a, first + a);
-        scale[a] = own > 0.0 ? 1.0 / std::sqrt(own) : 1.0;
-    }
+    for (int a = 0; a < size; ++a) scale[a] = information(first + a, first + a);
+    for (int a = 0; a < size; ++a) scale[a] = scale[a] > 0.0 ? 1.0 / std::sqrt(scale[a]) : 1.0;
     for (int a = 0; a < size; ++a) {
         const double* from = &information(first + a, first);
         double* row = &factor(a, 0);
@@ -134,8 +134,13 @@ void factorise(ConstMatrix information, int first, int size, double damping, Mat
         const int start = a / LANES * LANES;
         double* row = &factor(a, 0);
         by_vectors(filled - start, [&](auto count, int b) { eliminate<count>(factor, a, start + b); });
-        const double inverse = row[a] > 0.0 ? 1.0 / std::sqrt(row[a]) : std::numeric_limits<double>::quiet_NaN();
-        for (int b = start; b < filled; b += LANES) store(row + b, inverse * load(row + b));
+        row[a] = row[a] > 0.0 ? 1.0 / row[a] : std::numeric_limits<double>::quiet_NaN();
+    }
+    // roots come last, where they do not wait for one another
+    for (int a = 0; a < size; ++a) {
+        double* row = &factor(a, 0);
+        const double inverse = std::sqrt(row[a]);
+        for (int b = a / LANES * LANES; b < filled; b += LANES) store(row + b, inverse * load(row + b));
         row[a] = inverse;
     }
     for (int a = 1; a < size; ++a) {
