@@ -43,22 +43,22 @@ class _OverBoardFitSettings:
     """Thresholds of the fit of a free antenna over a board."""
 
     # what a nominal antenna is trusted with besides the priors of bundle adjustment
-    length_std_m: float = 3e-4  # of its length: a ruler's reading
-    out_of_plane_std_rad: float = 0.01  # of its clamp's tangent from the board: as parallel as a gauge makes it
+    length_std_m: float = 3e-4  # standard deviation of its length: a ruler's reading
+    out_of_plane_std_rad: float = 0.01  # of its clamp's tangent out of the board: as parallel as a gauge makes it
     log_stiffness_std: float = 0.15  # of the logarithm of EI: four per cent of the diameter
     # the fit
-    enough: float = 1e-4  # decrease of the cost that a step promises, below which it ends: a hundredth of a deviation
-    passes: int = 10  # with the points' scatter about the one before, most
-    last_change: float = 1e-5  # relative change of that scatter with which they end
+    enough: float = 1e-4  # predicted decrease of the cost below which the fit ends
+    passes: int = 10  # most passes, each with the scatter of the points about the one before
+    last_change: float = 1e-5  # relative change of that scatter at which they end
     end_margin: float = 0.004  # part of the length at clamp and tip whose points are left out
-    fewest_points: int = 20  # between them
+    fewest_points: int = 20  # fewest points between these
     # what is refused
     too_long: float = 1.15  # length of the line over the antenna's
     hard_shadow: float = 0.2  # part by which a band next to a dark antenna is darker
-    ambiguous_side: float = 0.6  # distance of the clamp's mark from one end over that from the other, from which
+    ambiguous_side: float = 0.6  # clamp mark's distance from the nearer end over the farther: more is ambiguous
     along: float = 0.5  # cosine between the line and the antenna's expected direction, least
     moved: float = 0.6  # height of a picture's line over that of the pictures' median, least
-    most_scatter: float = 5.0  # of the points over their deviations
+    most_scatter: float = 5.0  # scatter of the points over their standard deviations, most
     corner_reach_px: float = 12.0  # a corner this near to the antenna was sharpened in a window that shows the antenna
 
 

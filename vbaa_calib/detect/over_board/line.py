@@ -30,21 +30,21 @@ class _OverBoardSettings:
     covered_std: float = 5.0  # standard deviations from which a pixel says nothing of the levels
     steep: float = 0.08  # slope of the pattern, 1/px, from which a pixel is on an edge
     flat: float = 0.01  # slope up to which it is on none
-    steps: int = 5  # of Gauss–Newton for a profile
+    steps: int = 5  # Gauss–Newton steps for a profile
     capture_px: float = 2.5  # distance from the guide within which a profile's line is sought
     least_flank: int = 3  # pixels on either side of the line in a profile
     least_grain: float = 0.01  # noise of the print, in units of the print
     black: float = 0.08  # what black print reflects, in units of the print: a shadow hardly dims it
     edge_doubt_px: float = 0.5  # error of a pattern edge's place where the line crosses it
-    edge_reach: float = 1.5  # of that error to either side, in widths of the line
+    edge_reach: float = 1.5  # reach of that error to either side, in widths of the line
     shadow_width: float = 2.5  # how much wider than usual the profiles are cut to look for a shadow
-    stretches: int = 6  # along the line in which the brightness is compared
+    stretches: int = 6  # stretches along the line in which the brightness is compared
     least_white: int = 4  # white pixels of a column in a stretch
     white: float = 0.9  # reflectance from which print counts as white
     even: float = 0.05  # slope of the pattern, 1/px, up to which a white pixel is undisturbed
     stands_out: float = 5.0  # ridge response of a candidate pixel over its noise
-    most_candidates: int = 20000  # pixels
-    angles: int = 360  # of the Hough transform
+    most_candidates: int = 20000  # most candidate pixels
+    angles: int = 360  # angles of the Hough transform
     bin_m: float = 1e-3  # width of its bins on the board
     least_bin_px: float = 2.0  # width of its bins in the picture, least
     bands: tuple[float, ...] = (
@@ -53,7 +53,7 @@ class _OverBoardSettings:
         1.5,
     )  # half widths, in bins, of the band from which a path is fitted again
     step_px: float = 2.0  # from profile to profile along the path
-    least_steps: int = 12  # of a path
+    least_steps: int = 12  # fewest steps of a path
     least_visible: float = 0.5  # part of the visible steps along the line that must show it
     seen_ratio: float = 6.0  # amplitude over its standard deviation from which a profile shows the line
     faintest: float = 0.12  # cover: less is a shadow, a scratch or a misfit of the print
@@ -62,14 +62,14 @@ class _OverBoardSettings:
     growth: float = 0.25  # part of its length by which the path is extended in a round
     growths: int = 8  # rounds of extending the path, most
     endward: float = 0.03  # part of the length near an end in which profiles say where it is
-    fewest_points: int = 30  # of the line
-    reweightings: int = 4  # of the robust fit of a path
-    end_step_px: float = 0.1  # of the places that are compared for an end
+    fewest_points: int = 30  # fewest points of the line
+    reweightings: int = 4  # reweightings in the robust fit of a path
+    end_step_px: float = 0.1  # step between the places that are compared for an end
     end_std_px: float = 0.3  # least standard deviation of an end: its cut and its reflections are unknown
-    presence_std: float = 0.15  # of the line's amplitude from profile to profile
+    presence_std: float = 0.15  # standard deviation of the line's amplitude from profile to profile
     worst_surprise: float = 9.0  # cap on a column's squared deviation in the likelihood of an end
     border_px: float = 3.0  # distance from the picture's border at which an end is none
-    amplitudes: tuple[float, ...] = 0.5, 1.6  # over the expected one, between which a profile shows the line
+    amplitudes: tuple[float, ...] = 0.5, 1.6  # range over the expected one in which a profile shows the line
 
 
 @dataclass(frozen=True, eq=False)
