@@ -21,7 +21,7 @@ Not observable:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -309,8 +309,6 @@ def _without_angles(blocks: np.ndarray, angle_ratio: float) -> np.ndarray:
 def _angle_variance_ratio(blocks: np.ndarray, rows: int) -> float:
     """Ratio of the joint angles' variance to the corners', (rad/px)², by REML. blocks : (P, m, m) of free steps,
     residual, angles."""
-    from scipy.optimize import minimize_scalar  # slow to load
-
     freedom = rows - (blocks.shape[-1] - 3)
     angles = blocks[:, -2:, -2:]
     per_angle = float(np.mean(np.trace(angles, axis1=1, axis2=2))) / 2
@@ -330,8 +328,26 @@ def _angle_variance_ratio(blocks: np.ndarray, rows: int) -> float:
     # there may be several minima, and a flat stretch where the angles count as exact
     powers = np.arange(*PoseSettings.ratio_powers)
     best = powers[np.argmin([badness(power) for power in powers])]
-    found = minimize_scalar(badness, bounds=(best - 1.0, best + 1.0), method="bounded", options={"xatol": 1e-5})
-    return float(10**found.x / per_angle) if found.fun < badness(-np.inf) else 0.0
+    found = _least_between(badness, (best - 1.0, best + 1.0), 1e-5)
+    return float(10**found / per_angle) if badness(found) < badness(-np.inf) else 0.0
+
+
+def _least_between(function: Callable[[float], float], ends: tuple[float, float], tolerance: float) -> float:
+    """The place of a function's minimum between two ends, to within `tolerance`, by golden section."""
+    shrink = 0.5 * (5.0**0.5 - 1.0)
+    low, high = ends
+    left, right = high - shrink * (high - low), low + shrink * (high - low)
+    at_left, at_right = function(left), function(right)
+    while high - low > tolerance:
+        if at_left <= at_right:
+            high, right, at_right = right, left, at_left
+            left = high - shrink * (high - low)
+            at_left = function(left)
+        else:
+            low, left, at_left = left, right, at_right
+            right = low + shrink * (high - low)
+            at_right = function(right)
+    return left if at_left <= at_right else right
 
 
 _CROSS = "take a cross at least: the middle, pan to either side, tilt to either side, by 0.1 rad and more"
