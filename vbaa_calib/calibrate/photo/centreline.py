@@ -247,7 +247,9 @@ class _Strip:
     @staticmethod
     def along(planes: np.ndarray, curve: np.ndarray, spacing: float, reach: float, fine: float) -> _Strip:
         """The strip of half width `reach` along a finely and evenly spaced curve (M, 2)."""
-        each = max(1, round(spacing / max(arc_lengths(curve[:2])[-1], 1e-9)))
+        # an extrapolated end may have shorter steps: there are several rows for the evidence in any case
+        few = len(curve) // (4 * core.search.ROW_STEP)
+        each = max(1, min(few, round(spacing / max(arc_lengths(curve[:2])[-1], 1e-9))))
         stations, normal = curve[::each], normals(curve)[::each]
         across = np.arange(-np.ceil(reach / fine), np.ceil(reach / fine) + 1) * fine
         places = stations[:, None] + across[:, None] * normal[:, None]
