@@ -121,7 +121,7 @@ def _lengths(witness: Witness) -> Iterator[_Mistake]:
         def longer(problem: Problem, v: np.ndarray) -> Problem:
             return replace(problem, length_m=nominal * (1.0 + v[0]))
 
-        yield _Mistake(longer, length, (SETTINGS.length,), SETTINGS.mistake)
+        yield _Mistake(longer, length, (SETTINGS.length,), SETTINGS.measured)
     jig = witness.session.T_antenna_board
     origin = np.zeros(3) if jig is None else jig.translation_m
 
@@ -235,7 +235,7 @@ def _one_load(witness: Witness, index: int, less: float) -> Iterator[_Mistake]:
             "wrong" if abs(fit.values[0]) > 0.02 * load.distance_m else "doubt",
         )
 
-    yield _Mistake(moved, place, (SETTINGS.distance * length_m,), SETTINGS.mistake - less)
+    yield _Mistake(moved, place, (SETTINGS.distance * length_m,), SETTINGS.measured - less)
 
     def heavier(problem: Problem, v: np.ndarray) -> Problem:
         return _reloaded(problem, [index], lambda one: _turned_load(one, np.exp(v[0]) * np.eye(2)))

@@ -22,6 +22,7 @@ class _SessionSettings:
     rounds: int = 5  # rounds of weighing the pictures in a forecast
     # mistakes in a session
     mistake: float = -3.0  # log odds of one mistake in the session's own numbers
+    measured: float = -1.5  # log odds of an error in a length measured by hand: the antenna's, or one load's distance
     rare: float = -5.0  # log odds of a rare mistake: a whisker of two materials, a bent frame
     length: float = 0.03  # relative standard deviation of a wrong length
     board: float = 0.02  # the same of the board's squares
