@@ -156,8 +156,8 @@ def _undisturbed(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
         sizes = np.abs(one) / usual
         around = sizes > AntennaSettings.disturbed_around
         stretch = np.cumsum(np.diff(around, prepend=False))
-        found = around & np.isin(stretch, stretch[sizes > AntennaSettings.disturbed_clear])
-        found = _windows(found).any(axis=1)
+        clear = around & np.isin(stretch, stretch[sizes > AntennaSettings.disturbed_clear])
+        found = np.any(_windows(clear), axis=1)
         local = (
             len(found) >= 4 * AntennaSettings.run
             and found.mean() <= AntennaSettings.disturbed_most
