@@ -92,7 +92,7 @@ CALLS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("no force", "stiffness stiffness.csv --load 0 --distance 0.2", ("the force is 0",)),
     ("a diameter in mm", "stiffness stiffness.csv --load 0.01 --distance 0.2 --diameter 0.8", ("diameter",)),
     ("the other mount", f"{HANDEYE} --mount fixed", ("if they are inverted, or the mount is the other",)),
-    ("no size", HANDEYE.replace(" --camera camera.json", ""), ("corners.csv: corners without the size",)),
+    ("no size", HANDEYE.replace(" --camera camera.json", ""), ("size of the corners' pictures is missing",)),
     ("onto a folder of other things", "simulate scene.yaml --force -o lined/recording", ("is not a session",)),
     ("no draws", "bench vision --quick --draws 0", ("draws",)),
     ("a name that is none", "schema camera", ("'camera'",)),

@@ -160,7 +160,8 @@ def test_what_draws_says_which_extra_brings_that(
 ) -> None:
     for name in [name for name in sys.modules if name.startswith(("viz.render", "viz.parts", "viz.files"))]:
         monkeypatch.delitem(sys.modules, name)
-    for name in ("pyvista", "vtkmodules", "trame_vtk"):
+    absent = ("pyvista", "vtkmodules", "trame_vtk")
+    for name in [*absent, *(name for name in sys.modules if name.startswith(tuple(f"{one}." for one in absent)))]:
         monkeypatch.setitem(sys.modules, name, None)
     capfd.readouterr()
     code = run(line)
