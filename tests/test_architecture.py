@@ -37,7 +37,7 @@ MOST = {
     "public names": 1086,
     "private words": 48,
     "type: ignore": 4,
-    "words on pages": 29933,
+    "words on pages": 29928,
 }
 """What there may be of each. A number only goes down: a change that needs fewer lowers it."""
 

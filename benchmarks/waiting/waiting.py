@@ -36,7 +36,7 @@ from .trees import HERE, Tree, Worker, older
 
 POINTS, SINGLE, PICTURES, LOOP = 500, 20, 30, 10
 """Points of a frame; frames one by one, pictures, and frames of the SciPy loop; of few frames fewer."""
-ROWS, REFINED, POINTS_A_ROW = (500, 3500), 600, 40
+ROWS, REFINED, POINTS_A_ROW = (500, 9500), 600, 40
 """Rows of recordings of centrelines whose difference is the cost of a row; rows that are refined; points of each."""
 ONE, REPORT = "estimate, one picture", "estimate, 72 pictures, with report"
 LIVE = "picture in memory, live, to both of its contacts"
