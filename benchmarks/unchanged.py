@@ -84,12 +84,25 @@ def against(revision: str, within: float, keep: Path) -> list[str]:
             tree = Path(name, "tree")
             _git("worktree", "add", "--detach", str(tree), commit)
             try:
+                _build_core(tree)
                 _recorded(tree, old)
             finally:
                 _git("worktree", "remove", "--force", str(tree))
     shutil.rmtree(new, ignore_errors=True)
     _recorded(ROOT, new)
     return list(differences(old, new, within))
+
+
+def _build_core(tree: Path) -> None:
+    """Build a tree's compiled core for this machine, where it has one, by the tools that `make test` installs."""
+    native, cmake = tree / "vbaa_calib" / "native", Path(sys.executable).with_name("cmake")
+    if not (native / "CMakeLists.txt").exists():
+        return
+    found = [f"-DPython_EXECUTABLE={sys.executable}", f"-DCMAKE_MAKE_PROGRAM={cmake.with_name('ninja')}"]
+    for words in (["-S", ".", "-B", ".", "-G", "Ninja", "-DLEVELS=own", *found], ["--build", "."]):
+        done = subprocess.run([cmake, *words], cwd=native, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise SystemExit(f"{tree}: the core cannot be built: {done.stdout.strip()[-300:]}{done.stderr[-300:]}")
 
 
 def _recorded(tree: Path, folder: Path) -> None:
