@@ -280,7 +280,6 @@ class RecordingWatch:
             saturated, recorded = self._saturated(recorded)
             rows += [row for _, own in saturated for row in own]
             found += [*coarse, *(one for one, _ in saturated)]
-            first = 0 if any(one.grave for one in coarse) else None
             case = Case.of(recorded, axes_of(recorded.rig, CHANGES)[0])
             rounds, _ = explained(case, TABLE)
             causes, log_odds = [joined(best) for best in rounds], rounds[0][0].log_odds if rounds else 0.0
@@ -289,11 +288,11 @@ class RecordingWatch:
             found = found if grave else [*found, *self._of_rows()]
             found = [*causes, *found] if not found or not found[0].grave else [*found, *causes]
             found += [*self._scatter(case, causes), *([] if grave else _untested(case))]
-            if grave:
-                first = min(one.first for one in grave) if first is None else first
-            elif (left := self._unexplained(case)) is not None:
+            begins = [one.first for one in grave] + [0] * any(one.grave for one in coarse)
+            if not grave and (left := self._unexplained(case)) is not None:
                 found.append(left)
-                first = 0 if left.grave else None
+                begins += [0] * left.grave
+            first = min(begins, default=None)
         return RecordingVerdict(Verdict.of(found), first, frozenset(rows), log_odds)
 
     def _saturated(self, recorded: Recorded) -> tuple[list[tuple[Diagnosis, list[int]]], Recorded]:
