@@ -120,12 +120,6 @@ def _datagrams(path: Path) -> None:
     _all_of(iter(partial(next, received), None))
 
 
-def _read_object(path: Path) -> object:
-    from viz.files.object_file import read_object  # with VTK, which takes as long as all other readers
-
-    return read_object(path)
-
-
 def _truth(path: Path) -> None:
     truth = read_json(path)
     true_contacts(read_contacts(path.with_name("contacts.csv")), truth, path)
@@ -177,9 +171,6 @@ READERS = (
     Reader("opencv", "opencv.txt", FORMATS["opencv"].read, seldom=50),
     Reader("mrcal", "mrcal.txt", FORMATS["mrcal"].read, seldom=50),
     *(Reader(name, f"{name}.txt", FORMATS[name].read) for name in ("numbers", "orbslam", "cahvor")),
-    Reader("ply", "object.ply", _read_object),
-    Reader("glb", "object.glb", _read_object),
-    Reader("vtp", "object.vtp", _read_object, seldom=100),
     Reader("lens", "camera.json", read_lens),
     Reader(
         "tracked", "lined/recording/centrelines.csv", lambda path: _every_centreline(centrelines_of(path)), seldom=2
@@ -325,8 +316,6 @@ def _in_structure(data: bytes, path: str, rng: np.random.Generator) -> bytes:
 
 def outcome(reader: Reader, folder: Path, data: bytes) -> str:
     """What came of a reader on a file: "read", "refused", or in words what must not be."""
-    import viz.files.object_file  # noqa: F401  # VTK's libraries do not fit into the memory that a reader may take
-
     path = folder / reader.file
     good = path.read_bytes()
     path.unlink()

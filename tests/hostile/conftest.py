@@ -46,8 +46,6 @@ def _make_files(folder: Path) -> None:
     vbaa(f"intrinsics {session}/intrinsics --board {session}/session.yaml -o {folder}/camera.json")
     for suffix in ("csv", "parquet"):
         vbaa(f"estimate {session} --rig {folder}/rig.json -o {folder}/contacts.{suffix} --no-report")
-    for suffix in ("vtp", "ply", "glb"):
-        vbaa(f"reconstruct {folder}/contacts.csv --rig {folder}/rig.json -o {folder}/object.{suffix}")
     _add_files(folder)
 
 

@@ -84,15 +84,6 @@ TRUTH: tuple[Row, ...] = (
         "object.wedge_world",
     ),
 )
-MESH: tuple[Row, ...] = (
-    ("points miscounted", d.changed(lambda data: data.replace(b'NumberOfPoints="', b'NumberOfPoints="9')), "mesh"),
-)
-PLY: tuple[Row, ...] = (
-    ("2^60 dots", d.changed(lambda data: data.replace(b"element vertex ", b"element vertex 999999999999")), "no mesh"),
-)
-GLB: tuple[Row, ...] = (
-    ("a version of tomorrow", d.changed(lambda data: data[:4] + b"\x09\0\0\0" + data[8:]), "holds no mesh"),
-)
 NOLOAD: tuple[Row, ...] = (
     ("degrees", d.cell(2, "tilt_rad", "20"), "line 2", "give radians"),
     ("a moment in another unit", d.text("moment_Nm", "moment_mNm"), "column moment_Nm is missing"),
@@ -185,7 +176,7 @@ WIZARD: tuple[Row, ...] = (
 CAMERAS = {"kalibr": " --camera-name cam0", "colmap": " --camera-name 3"}
 LENS = "intrinsics session/intrinsics --board board.yaml -o o.json"
 TRACK, TRUE = "track contacts.csv -o out.csv", "view contacts.csv --truth truth.json --html out.html"
-SHOW, CONVERT = "view contacts.csv --object object", "convert camera.json --to kalibr -o out.yaml"
+CONVERT = "convert camera.json --to kalibr -o out.yaml"
 
 CASES: list[Case] = [
     *cases("session/session.yaml", CALIBRATE, SESSION),
@@ -201,9 +192,6 @@ CASES: list[Case] = [
         for name, what, *words in IMPOSSIBLE
     ),
     *cases("truth.json", TRUE, TRUTH),
-    *cases("object.vtp", f"{SHOW}.vtp --html out.html", MESH),
-    *cases("object.ply", f"{SHOW}.ply --html out.html", PLY),
-    *cases("object.glb", f"{SHOW}.glb --html out.html", GLB),
     *cases("session/noload/noload.csv", CALIBRATE, NOLOAD),
     *cases("swept/sweep/sweep.csv", CALIBRATE_SWEPT, NOLOAD[:1]),
     *cases("session/loads/loads.csv", CALIBRATE, LOADS),

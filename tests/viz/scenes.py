@@ -23,7 +23,8 @@ def full_scene(table: ContactTable, rig: Rig, truth: dict[str, Any]) -> Scene:
     red, green = (np.full((6, 8, 3), colour, np.uint8) for colour in (RED, GREEN))
     mesh = ObjectMesh(points, normals, triangles, np.empty((0, 2), int), np.linspace(1e-4, 5e-4, 90))
     return replace(
-        build_scene(table, rig, truth=true_object(truth), mesh=mesh),
+        build_scene(table, rig, truth=true_object(truth)),
+        object=mesh,
         normals=normals,
         cone_rad=0.3,
         facts=("Friction <is> told.",),

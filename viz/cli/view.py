@@ -24,8 +24,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_antenna(parser)
     parser.add_argument("--rig", type=Path, help="rig.json: draws the antenna, plane C and the camera, too")
     parser.add_argument("--framewise", type=Path, help="contacts.csv that vbaa refine made these of: drawn beside them")
-    parser.add_argument("--object", type=Path, help="object.vtp, .ply or .glb, instead of estimating it")
-    parser.add_argument("--other", type=Path, help="a second object, .vtp, .ply or .glb, to compare with the first")
     parser.add_argument("--plain", action="store_true", help="only what the files contain: no object, no friction")
     parser.add_argument("--truth", type=Path, help="truth.json of a synthetic session: draws the true object")
     pictures = parser.add_mutually_exclusive_group()
@@ -79,7 +77,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         "gltf": (".glb", ".gltf"),
     }
     outputs: dict[str, Path] = {name: path for name in suffixes if (path := getattr(args, name)) is not None}
-    inputs = (args.contacts, args.rig, args.framewise, args.object, args.other, args.truth, args.picture)
+    inputs = (args.contacts, args.rig, args.framewise, args.truth, args.picture)
     for name, path in outputs.items():
         refuse_output(path, suffixes[name], args.force, inputs)
     unseen = not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
@@ -143,26 +141,22 @@ def _scene_of(args: argparse.Namespace) -> tuple[Scene, int]:
     if not table.located.any():
         raise InputError("no frame has a located contact", where=args.contacts, remedy="see its reason column")
     refuse_out_of_reach(table, args.contacts)
-    truth = mesh = other = None
+    truth = None
     if args.truth is not None:
         from viz.scene.truth import true_object
 
         truth = true_object(read_json(args.truth), args.truth)
-    if args.object is not None or args.other is not None:
-        from viz.files.object_file import read_object
-
-        mesh, other = (None if path is None else read_object(path) for path in (args.object, args.other))
     for name in ("session", "picture"):
         if args.rig is None and getattr(args, name) is not None:
             raise InputError("its pictures are drawn at the camera", where=f"--{name}", remedy="give --rig, too")
     rig = None if args.rig is None else usable_rig(args.rig)
     estimate = None
-    if args.object is None and not args.plain:
+    if not args.plain:
         try:
             estimate = estimate_object(table, rig)
         except InputError as error:
             say(f"no object is drawn: {error}")
-    scene = replace(build_scene(table, rig, estimate, truth, mesh), other=other)
+    scene = build_scene(table, rig, estimate, truth)
     if args.framewise is not None:
         before = framewise(args.framewise, table)
         refuse_out_of_reach(before, args.framewise)

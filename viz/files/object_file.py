@@ -1,72 +1,28 @@
 """The reconstructed object as a file: .vtp with everything known about it; .ply and .glb with its shape, coloured by
 its uncertainty. Neither screen nor OpenGL is needed.
 
-.ply is read and written by our own code: VTK's writer has neither normals with colours nor lines, and its reader
-crashes on a truncated file. In .glb, glTF 2.0 in one binary file, vertices also have their standard deviation as the
-attribute `_STD_M`, and a node rotates the world's z up into glTF's y up.
+.ply is written by our own code: VTK's writer has neither normals with colours nor lines. In .glb, glTF 2.0 in one
+binary file, vertices also have their standard deviation as the attribute `_STD_M`, and a node rotates the world's z up
+into glTF's y up.
 """
 
 from __future__ import annotations
 
-import json
-import re
-import struct
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkAbstractArray, vtkObject, vtkPoints, vtkStringArray
+from vtkmodules.util.numpy_support import numpy_to_vtk
+from vtkmodules.vtkCommonCore import vtkAbstractArray, vtkPoints, vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
-from vtkmodules.vtkFiltersCore import vtkTriangleFilter
-from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLPolyDataWriter
+from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
 from estimator.object.surface import Surface
-from vbaa_calib.convert.child import read_in_child
-from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import read_bytes, replacing
+from vbaa_calib.core.files import replacing
 from viz.scene.readable import surface_scale
 from viz.scene.scene import ObjectMesh
 
 from .outputs import refuse_output
-
-
-def _read_vtp(path: Path) -> dict[str, np.ndarray]:
-    """points_m (N, 3), triangles (T, 3), lines (L, 2), and normals (N, 3) and std_m (N,) where the file has them.
-
-    Polygons are cut into triangles. Raises ValueError for cells that refer to missing points; a file that VTK cannot
-    read gives an empty mesh.
-    """
-    reader = vtkXMLPolyDataReader()
-    reader.SetFileName(str(path))
-    vtkObject.GlobalWarningDisplayOff()  # pages about a file that it cannot read
-    reader.Update()
-    mesh = reader.GetOutput()
-    kinds = (mesh.GetVerts(), mesh.GetLines(), mesh.GetPolys(), mesh.GetStrips())
-    indices = np.concatenate([vtk_to_numpy(cells.GetConnectivityArray()) for cells in kinds])
-    if not ((indices >= 0) & (indices < mesh.GetNumberOfPoints())).all():
-        raise ValueError("cells of points that there are not")
-    if mesh.GetPoints() is None:
-        raise ValueError("no points")
-    lines = mesh.GetLines()
-    starts, ends = vtk_to_numpy(lines.GetOffsetsArray()), vtk_to_numpy(lines.GetConnectivityArray())
-    cut = vtkTriangleFilter()
-    cut.SetInputData(mesh)
-    cut.PassVertsOff()
-    cut.PassLinesOff()
-    cut.Update()
-    found = {
-        "points_m": vtk_to_numpy(mesh.GetPoints().GetData()).astype(float),
-        "triangles": vtk_to_numpy(cut.GetOutput().GetPolys().GetConnectivityArray()).reshape(-1, 3),
-        "lines": np.delete(np.stack([ends[:-1], ends[1:]], axis=1), starts[1:-1] - 1, axis=0),
-    }
-    for name, key in (("Normals", "normals"), ("std_m", "std_m")):
-        array = mesh.GetPointData().GetArray(name)
-        if array is not None:
-            found[key] = vtk_to_numpy(array)
-    return found
-
 
 SUFFIXES = (".vtp", ".ply", ".glb")
 
@@ -89,71 +45,6 @@ def write_object(surface: Surface, path: Path, *, force: bool = False) -> None:
             temporary.write_text(str(writer.GetOutputString()), encoding="utf-8")
         else:
             temporary.write_bytes(_ply_bytes(mesh) if suffix == ".ply" else _glb_bytes(mesh))
-
-
-def read_object(path: Path) -> ObjectMesh:
-    """Read the drawn parts of a .vtp or .ply, ours or another's, or of a .glb of ours.
-
-    Raises InputError when there is nothing in it.
-    """
-    suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise InputError("is not a .vtp, .ply or .glb", where=path, remedy="the suffix chooses the format")
-    data = read_bytes(path)
-    try:
-        with np.errstate(invalid="raise", over="raise"):
-            if suffix == ".vtp":
-                found = read_in_child(_read_vtp, path)
-            else:
-                found = _read_ply(data) if suffix == ".ply" else _read_glb(data)
-            return _checked(**found)
-    except (
-        struct.error,
-        ArithmeticError,
-        ValueError,
-        KeyError,
-        IndexError,
-        TypeError,
-        StopIteration,
-        RecursionError,
-        AttributeError,
-    ):
-        what = f"holds no mesh{' of ours' if suffix == '.glb' else ''}"
-        raise InputError(what, where=path, remedy="write it again with vbaa reconstruct") from None
-
-
-def _vertex_normals(points_m: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """(N, 3) unit normals: area-weighted means over each point's triangles; zero without any."""
-    first, second, third = points_m[triangles].transpose(1, 0, 2)
-    across, total = np.cross(second - first, third - first), np.zeros_like(points_m)
-    for corner in triangles.T:
-        np.add.at(total, corner, across)
-    size = np.linalg.norm(total, axis=1, keepdims=True)
-    return np.divide(total, size, out=np.zeros_like(total), where=size > 0)
-
-
-def _checked(
-    points_m: np.ndarray,
-    triangles: np.ndarray,
-    lines: np.ndarray,
-    normals: np.ndarray | None = None,
-    std_m: np.ndarray | None = None,
-) -> ObjectMesh:
-    """The mesh, with normals computed where the file has none. Raises ValueError for indices of missing points."""
-    indices = np.concatenate([triangles.ravel(), lines.ravel()])
-    # m: no antenna touches anything that far off
-    near = len(points_m) and np.abs(points_m).max() < 1e6  # false for NaN, too
-    if not near or not ((indices >= 0) & (indices < len(points_m))).all():
-        raise ValueError
-    triangles, lines = triangles.astype(int), lines.astype(int)
-    if normals is None:
-        normals = _vertex_normals(points_m, triangles)
-    normals = np.asarray(normals, float)
-    if normals.shape != points_m.shape or not np.isfinite(normals).all():
-        raise ValueError
-    if std_m is None or np.shape(std_m) != (len(points_m),):
-        std_m = np.full(len(points_m), np.nan)
-    return ObjectMesh(points_m, normals, triangles, lines, np.asarray(std_m, float))
 
 
 # --- .vtp
@@ -222,21 +113,13 @@ def _cells(indices: np.ndarray) -> vtkCellArray:
 # --- .ply
 
 
-_PLY_TYPES = {
-    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
-    **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
-    **{"float": "f4", "double": "f8", "float32": "f4", "float64": "f8"},
-}
-_Property = tuple[str, str | None, str]
-"""Name, type of a list's length (None for a single number), type of the number or numbers."""
-
-
 def _ply_bytes(mesh: ObjectMesh) -> bytes:
     """A little-endian .ply: vertices with normals, deviation std_m and a colour by it; triangles; lines as edges."""
+    types = {"double": "<f8", "float": "<f4", "uchar": "u1"}
     columns = [*zip(("x", "y", "z"), mesh.points_m.T, ["double"] * 3, strict=True)]
     columns += zip(("nx", "ny", "nz", "std_m"), [*mesh.normals.T, mesh.std_m], ["float"] * 4, strict=True)
     columns += zip(("red", "green", "blue"), surface_scale(mesh.std_m).rgb.T, ["uchar"] * 3, strict=True)
-    vertices = np.zeros(len(mesh.std_m), [(name, f"<{_PLY_TYPES[word]}") for name, _, word in columns])
+    vertices = np.zeros(len(mesh.std_m), [(name, types[word]) for name, _, word in columns])
     for name, values, _ in columns:
         vertices[name] = values
     faces = np.zeros(len(mesh.triangles), [("size", "u1"), ("corners", "<i4", 3)])
@@ -255,85 +138,6 @@ def _ply_bytes(mesh: ObjectMesh) -> bytes:
         "end_header\n",
     ]
     return "\n".join(header).encode() + vertices.tobytes() + faces.tobytes() + mesh.lines.astype("<i4").tobytes()
-
-
-def _read_ply(data: bytes) -> dict[str, Any]:
-    """Points, triangles, lines, normals and deviations, None for those it lacks; polygons are cut into triangles.
-
-    Raises KeyError, IndexError, ValueError or StopIteration where the header makes no sense or rows are missing.
-    """
-    header = re.match(rb"(?s)ply\r?\n(.*?)\bend_header\r?\n", data)
-    if header is None:
-        raise ValueError
-    lines = [line.split() for line in header[1].decode("ascii").splitlines()]
-    orders = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-    order = next(orders[words[1]] for words in lines if words[:1] == ["format"])
-    # numbers in words are read as if they were doubles
-    body = data[header.end() :] if order else np.array(data[header.end() :].split(), float).tobytes()
-    found, position = {}, 0
-    properties: list[_Property] = []
-    elements: dict[str, tuple[int, list[_Property]]] = {}  # what the header announces
-    for words in lines:
-        if words[:1] == ["element"]:
-            properties = []
-            elements[words[1]] = int(words[2]), properties
-        elif words[:1] == ["property"]:
-            kinds = [order + _PLY_TYPES[word] if order else "<f8" for word in words[1:-1] if word != "list"]
-            properties.append((words[-1], kinds[0] if words[1] == "list" else None, kinds[-1]))
-    for name, (rows, properties) in elements.items():
-        found[name], position = _rows(body, position, rows, properties)
-    vertex, face, edge = (found.get(name, {}) for name in ("vertex", "face", "edge"))
-    polygons = face.get("vertex_indices", face.get("vertex_index", []))
-    fans = [
-        np.asarray(one)[..., [0, corner, corner + 1]].reshape(-1, 3)
-        for one in ([polygons] if isinstance(polygons, np.ndarray) else polygons)
-        for corner in range(1, one.shape[-1] - 1)
-    ]
-    return {
-        "points_m": _stacked(vertex, "x", "y", "z"),
-        "triangles": np.concatenate([np.empty((0, 3)), *fans]),
-        "lines": _stacked(edge, "vertex1", "vertex2") if edge else np.empty((0, 2)),
-        "normals": _stacked(vertex, "nx", "ny", "nz") if "nx" in vertex else None,
-        "std_m": vertex.get("std_m"),
-    }
-
-
-def _stacked(columns: Mapping[str, Any], *names: str) -> np.ndarray:
-    return np.stack([np.asarray(columns[name], float) for name in names], axis=1)
-
-
-def _rows(body: bytes, position: int, rows: int, properties: list[_Property]) -> tuple[dict[str, Any], int]:
-    """The values of each property, (rows,), (rows, K) or a list of lists, and the position after them. Raises
-    ValueError."""
-    if rows <= 0:
-        if rows < 0:
-            raise ValueError
-        return {}, position
-    kind, lengths = _row_kind(body, position, properties), [f"{name}#" for name, count, _ in properties if count]
-    if position + rows * kind.itemsize <= len(body):
-        values = np.frombuffer(body, kind, rows, position)
-        if all((values[name] == values[name][0]).all() for name in lengths):
-            return {name: values[name] for name, *_ in properties}, position + rows * kind.itemsize
-    if not lengths:
-        raise ValueError
-    each = []
-    for _ in range(rows):
-        kind = _row_kind(body, position, properties)
-        each.append(np.frombuffer(body, kind, 1, position)[0])
-        position += kind.itemsize
-    return {name: [row[name] for row in each] for name, *_ in properties}, position
-
-
-def _row_kind(body: bytes, position: int, properties: list[_Property]) -> np.dtype:
-    """The type of one row, with lists as long as at this position."""
-    fields: list[Any] = []
-    for name, count, kind in properties:
-        if count is not None:
-            (length,) = np.frombuffer(body, count, 1, position + np.dtype(fields).itemsize)
-            fields += [(f"{name}#", count), (name, kind, (int(length),))]
-        else:
-            fields.append((name, kind))
-    return np.dtype(fields)
 
 
 # --- .glb
@@ -389,37 +193,3 @@ def _add(made: dict[str, Any], blob: bytearray, data: np.ndarray, kind: int) -> 
     made["accessors"].append({"bufferView": len(made["accessors"]), **about, **ends})
     blob += data.tobytes()
     return len(made["accessors"]) - 1
-
-
-def _read_glb(data: bytes) -> dict[str, Any]:
-    """Points, triangles, lines, normals and deviations in a file that `_glb_bytes` made.
-
-    Raises struct.error, ValueError, KeyError, IndexError, TypeError, StopIteration or AttributeError for anything else.
-    """
-    magic, version, length = struct.unpack_from("<4sII", data)
-    text_size, text_kind = struct.unpack_from("<I4s", data, 12)
-    made = json.loads(data[20 : 20 + text_size])
-    size, kind = struct.unpack_from("<I4s", data, 20 + text_size)
-    blob = data[28 + text_size : 28 + text_size + size]
-    (mesh,) = made["meshes"]
-    expected = (b"glTF", 2, b"JSON", b"BIN\0", _NAME)
-    if (magic, version, text_kind, kind, mesh["name"]) != expected or length > len(data):
-        raise ValueError
-    parts = {part["mode"]: part for part in mesh["primitives"]}
-    names = next(iter(parts.values()))["attributes"]
-    points, normals, std = (_values(made, blob, names[name]) for name in ("POSITION", "NORMAL", "_STD_M"))
-    triangles, lines = (
-        _values(made, blob, parts[mode]["indices"]).reshape(-1, corners) if mode in parts else np.empty((0, corners))
-        for mode, corners in ((4, 3), (1, 2))
-    )
-    std = np.where(std >= 0, std, np.nan)
-    return {"points_m": points, "triangles": triangles, "lines": lines, "normals": normals, "std_m": std}
-
-
-def _values(made: dict[str, Any], blob: bytes, number: int) -> np.ndarray:
-    """An accessor's numbers. Raises ValueError where the data end before them."""
-    about = made["accessors"][number]
-    start, width = made["bufferViews"][about["bufferView"]]["byteOffset"], {"SCALAR": 1, "VEC3": 3}[about["type"]]
-    types = {5126: "<f4", 5125: "<u4"}
-    values = np.frombuffer(blob, types[about["componentType"]], about["count"] * width, start).astype(float)
-    return values.reshape(-1, width) if width > 1 else values

@@ -1,4 +1,4 @@
-"""All parts of a scene, ready for VTK: contacts, both objects, the rig at every instant, a grid for scale."""
+"""All parts of a scene, ready for VTK: contacts, objects, the rig at every instant, a grid for scale."""
 
 from __future__ import annotations
 
@@ -147,8 +147,6 @@ def all_parts(scene: Scene) -> list[ScenePart]:
     parts = _contact_parts(scene)
     if scene.object is not None:
         parts += _object_parts(scene.object, scene.bounding_ball_m[1])
-    if scene.other is not None:
-        parts += _object_parts(scene.other, scene.bounding_ball_m[1], "other")
     if scene.truth is not None:
         shape = object_mesh(scene.truth, rings=64)
         parts.append(ScenePart("truth", _triangles(shape.vertices, shape.faces, shape.normals), opacity=0.22))
@@ -201,13 +199,13 @@ def _stamped(
     )
 
 
-def _object_parts(mesh: ObjectMesh, reach_m: float, name: str = "object") -> list[ScenePart]:
-    """The reconstructed object, coloured by its uncertainty where known; the "other" one in one colour.
+def _object_parts(mesh: ObjectMesh, reach_m: float) -> list[ScenePart]:
+    """The reconstructed object, coloured by its uncertainty where known.
 
     Points outside all triangles are drawn as discs across their normal, or as balls without one.
     """
-    disc_m, grey = 0.03 * reach_m, np.array([pv.Color(LOOK[name][0]).int_rgb], np.uint8)
-    known = name == "object" and np.isfinite(mesh.std_m).any()
+    disc_m, grey = 0.03 * reach_m, np.array([pv.Color(LOOK["object"][0]).int_rgb], np.uint8)
+    known = np.isfinite(mesh.std_m).any()
     rgb = surface_scale(mesh.std_m).rgb if known else np.repeat(grey, len(mesh.points_m), axis=0)
     pieces: list[tuple[pv.PolyData, np.ndarray]] = []
     if len(mesh.triangles):
@@ -229,7 +227,7 @@ def _object_parts(mesh: ObjectMesh, reach_m: float, name: str = "object") -> lis
         return []
     whole, _ = _joined([piece for piece, _ in pieces])
     whole.point_data["colour"] = np.concatenate([colours for _, colours in pieces])
-    return [ScenePart(name, whole, painted=True, opacity=1.0 if name == "object" else 0.6)]
+    return [ScenePart("object", whole, painted=True)]
 
 
 def _rig_parts(scene: Scene, rig: RigItems) -> list[ScenePart]:

@@ -18,7 +18,6 @@ LOOK = {
     "spread": ("#0ea5e9", "ellipsoid of 2 std"),
     "cones": ("#7c3aed", "friction cone"),
     "object": (OBJECT, "reconstructed surface"),
-    "other": ("#d55e00", "surface to compare with"),
     "truth": ("#c9b791", "true object"),
     "antenna": ("#1b2430", "antenna at this time"),
     "free": ("#8a94a3", "antenna without the object"),

@@ -105,7 +105,6 @@ class Scene:
     normals : (P, 3) the object's outward normal at each contact, NaN where it is undetermined; None for none.
     cone_rad : half angle of the friction cone; None where friction is undetermined.
     framewise_m : (P, 3) where the contacts lay frame by frame, if these are refined ones; None for none.
-    other : an object to compare with the first; None for none.
     facts : sentences on friction, stiffness and shape, or on why they are undetermined.
     pictures : what the camera saw at each instant, (H, W, 3) uint8 RGB all of one size, None where there is none.
     """
@@ -119,7 +118,6 @@ class Scene:
     cone_rad: float | None = None
     facts: tuple[str, ...] = ()
     framewise_m: np.ndarray | None = None
-    other: ObjectMesh | None = None
     pictures: tuple[np.ndarray | None, ...] = ()
 
     @property
@@ -191,10 +189,9 @@ def build_scene(
     rig: Rig | None = None,
     estimate: ObjectEstimate | None = None,
     truth: TouchObject | None = None,
-    mesh: ObjectMesh | None = None,
     with_words: bool = True,
 ) -> Scene:
-    """The scene without the camera's pictures; its object is the estimate's, or else `mesh`.
+    """The scene without the camera's pictures.
 
     with_words : also each contact's numbers in words.
 
@@ -209,7 +206,7 @@ def build_scene(
     words = tuple(_numbers(table, int(index), phase[index], std[index]) for index in row) if with_words else ()
     contacts = ShownContacts(points[row], forces[row], covariances[row], time_s[row], row, words)
     if estimate is None:
-        return Scene(contacts, instants, items, mesh, truth)
+        return Scene(contacts, instants, items, truth=truth)
     # a normal less certain than 20° would show the force's direction, not the object's: not drawn
     friction, known = estimate.friction, estimate.normals.std_rad < np.radians(20)
     normals = np.full((len(table), 3), np.nan)
