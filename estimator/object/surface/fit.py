@@ -4,6 +4,7 @@ The normals come from the shape and from the antenna's tangents: n ⟂ shape, n 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -281,22 +282,37 @@ def _estimate_normals(
     covariance = projection @ (shape + own) @ projection
     modes = np.zeros((count, 3, 0))
     if common:  # the largest principal parts of the joint covariance of the turns that the shape brings
-        by_slope, size, kept = projection @ by_slope, 3 * count, min(SurfaceSettings.modes, 3 * count)
-        ordered = joint[np.ix_(pair.ravel(), pair.ravel())].reshape(count, 2, count, 2)
-        turned = np.einsum("pia,paqb,qjb->piqj", by_slope, ordered, by_slope, optimize=True)
-        variance, axes = _largest(turned.reshape(size, size), kept)
+        by_slope, kept = projection @ by_slope, min(SurfaceSettings.modes, 3 * count)
+        ordered = joint[np.ix_(pair.ravel(), pair.ravel())]
+
+        def turned(vectors: np.ndarray) -> np.ndarray:
+            along = np.swapaxes(by_slope, 1, 2) @ vectors.reshape(count, 3, -1)
+            moved = (ordered @ along.reshape(2 * count, -1)).reshape(count, 2, -1)
+            return (by_slope @ moved).reshape(3 * count, -1)
+
+        variance, axes = _largest(turned, 3 * count, kept)
         modes = (axes * np.sqrt(np.maximum(variance, 0.0))).reshape(count, 3, kept)
     return Normals(normal, covariance, modes), slopes
 
 
-def _largest(covariance: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """The largest variances (K,) and their axes (N, K); for many touches by Lanczos' method."""
-    if len(covariance) < 30 * count:
-        values, axes = np.linalg.eigh(covariance)
+def _largest(times: Callable[[np.ndarray], np.ndarray], size: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """The largest variances (K,) of an (N, N) covariance and their axes (N, K), from its products with vectors
+    (N, K); for many touches by a block Krylov space."""
+    if size < 10 * count:
+        values, axes = np.linalg.eigh(times(np.eye(size)))
         return values[-count:], axes[:, -count:]
-    from scipy.sparse.linalg import eigsh  # slow to load
-
-    return eigsh(covariance, count, v0=np.ones(len(covariance)))
+    block = basis = np.linalg.qr(np.random.default_rng(0).normal(size=(size, count)))[0]
+    images = np.empty((size, 0))
+    while True:
+        images = np.hstack([images, times(block)])
+        values, axes = (each[..., -count:] for each in np.linalg.eigh(basis.T @ images))
+        wrong = np.linalg.norm(images @ axes - (basis @ axes) * values, axis=0)
+        if wrong.max() <= SurfaceSettings.modes_end * values[-1] or basis.shape[1] + count > size:
+            return values, basis @ axes
+        block = images[:, -count:]
+        for _ in range(2):  # the second time takes out what rounding left
+            block = np.linalg.qr(block - basis @ (basis.T @ block))[0]
+        basis = np.hstack([basis, block])
 
 
 def _of_field(seen: LocalTouches, slope: np.ndarray, slack_rad: float) -> _Turned:

@@ -45,6 +45,7 @@ class SurfaceSettings:
     force_std_rad: float = 0.35  # standard deviation of a normal from which the force's direction replaces it
     tangent_std_rad: float = 1e-3  # own error of a tangent
     modes: int = 24  # common errors of the normals that are kept; the rest is each touch's own
+    modes_end: float = 1e-7  # residual of these modes, over the largest variance, at which their search ends
     interval_std: float = 1.96  # standard deviations of a 95 % interval
     least_variation: float = 0.05  # relative spread of the normal forces that shows a compliance
     model_m: float = 1e-5  # shift of contacts over the forces that the model leaves out
