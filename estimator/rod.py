@@ -15,14 +15,14 @@ from numpy.typing import ArrayLike
 
 from vbaa_calib.antenna.materials import MATERIALS, Material
 from vbaa_calib.antenna.rod import TORSION_RATIO, Rod, RodShape, solve_rod
-from vbaa_calib.core.arrays import gate
+from vbaa_calib.core.arrays import validate_arguments
 from vbaa_calib.core.errors import InputError, quoted
 from vbaa_calib.rig import Rig
 
 __all__ = ["Rod", "RodShape", "solve", "wire"]
 
 
-@gate
+@validate_arguments
 def wire(length_m: float, diameter_m: float, material: str = "stainless steel") -> Rod:
     """A round, straight wire of one of `materials.MATERIALS`, clamped along x.
 
@@ -40,7 +40,7 @@ def wire(length_m: float, diameter_m: float, material: str = "stainless steel") 
     return Rod(one.length_m, one.stiffness_Nm2, one.stiffness_Nm2 / TORSION_RATIO, one.mass_per_length_kg_m)
 
 
-@gate
+@validate_arguments
 def solve(
     antenna: Rod | Rig,
     force_N: ArrayLike = (0.0, 0.0, 0.0),

@@ -34,8 +34,8 @@ MOST = {
     "module constants": 772,
     "class names used twice": 0,
     "classes": 419,
-    "public names": 1085,
-    "private words": 48,
+    "public names": 1084,
+    "private words": 38,
     "type: ignore": 4,
     "words on pages": 29917,
 }

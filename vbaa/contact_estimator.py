@@ -71,7 +71,7 @@ class SessionContactEstimator(ContactEstimator):
             raise InputError("image stands for the pixels", remedy=remedy)
         from estimator.contact.recording import Detection, detect_again, frame_contact  # loads the detector
 
-        firsts = self._glances(
+        firsts = self._first_detections(
             0, {"image": image, "moment": moment, "pan": pan, "tilt": tilt, "moment_z": moment_z, "readings": read}
         )
         parts = [detect_again(one, [first])[0] for one, first in firsts]
@@ -118,7 +118,7 @@ class SessionContactEstimator(ContactEstimator):
             if not isinstance(each, Mapping) or not {"image", "moment", "pan", "tilt"} <= set(each):
                 remedy = "give a mapping with image, moment, pan and tilt for each"
                 raise InputError(f"frame {number} is {quoted(each)}", remedy=remedy)
-            parts, looks = [], self._glances(number, each)
+            parts, looks = [], self._first_detections(number, each)
             for index, (one, look) in enumerate(looks):
                 first, before[index] = after(look, before[index])
                 parts.append(detect_again(one, [first])[0])
@@ -126,9 +126,11 @@ class SessionContactEstimator(ContactEstimator):
             for contact in stream.push(seen.measured):
                 yield frame_contact(looks[0][1].frame, seen, contact).contact
 
-    def _glances(self, number: int, read: Mapping[str, Any]) -> list[tuple[SessionContactEstimator, _FirstDetection]]:
+    def _first_detections(
+        self, number: int, read: Mapping[str, Any]
+    ) -> list[tuple[SessionContactEstimator, _FirstDetection]]:
         """First detections in each camera's picture, with the estimator of each. Raises InputError."""
-        from estimator.contact.recording import first_look
+        from estimator.contact.recording import first_detection
 
         if not self.rig.others:
             return [(self, self._seen(number, **read))]
@@ -142,16 +144,16 @@ class SessionContactEstimator(ContactEstimator):
             if name in images:
                 found.append((one, one._seen(number, images[name], **more)))
             else:
-                found.append((one, first_look(one, one._frame(number, **more), None)))
+                found.append((one, first_detection(one, one._frame(number, **more), None)))
         return found
 
     def _seen(self, number: int, image: Any, **read: Any) -> _FirstDetection:
         """The first detection in a picture with its readings. Raises InputError."""
-        from estimator.contact.recording import first_look, read_own
+        from estimator.contact.recording import first_detection, read_own
 
         frame = self._frame(number, **read)
         if isinstance(image, str | os.PathLike):
-            return first_look(self, frame, read_own(self.rig, Path(image)))
+            return first_detection(self, frame, read_own(self.rig, Path(image)))
         width, height = self.rig.camera.image_size
         shape = image.shape if isinstance(image, np.ndarray) and image.dtype == np.uint8 else ()
         if shape not in ((height, width), (height, width, 3)):
@@ -161,7 +163,7 @@ class SessionContactEstimator(ContactEstimator):
                 f"give a file, or an array of 8 bits, ({height}, {width}) or ({height}, {width}, 3), as OpenCV reads"
             )
             raise InputError(what, remedy=remedy)
-        return first_look(self, frame, image)
+        return first_detection(self, frame, image)
 
     def _frame(
         self,

@@ -19,7 +19,7 @@ import numpy as np
 from benchmarks.harness import Draws, column, rms, table, write_csv
 from estimator.contact.estimate import ContactEstimator
 from estimator.contact.overlay import corridor_of
-from estimator.contact.recording import FrameContact, detect_again, estimate_pictures, first_look
+from estimator.contact.recording import FrameContact, detect_again, estimate_pictures, first_detection
 from estimator.table.contacts import LOCATED, Measured
 from vbaa_calib.calibrate.pipeline import calibrate
 from vbaa_calib.core.console import progress, say
@@ -133,7 +133,7 @@ def false_lines(
         image = read_picture(path)
         for _ in range(_EMPTY_PER_PICTURE):
             total, turned = total + 1, _turned(image, rng)
-            first = first_look(estimator, frame, turned)
+            first = first_detection(estimator, frame, turned)
             wrong += first.line.found and detect_again(estimator, [first])[0].line.found
     return total, wrong
 

@@ -18,7 +18,7 @@ from estimator.solver.numbers import FitNumbers
 from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import FRICTION_RAD, LOCATED, Contact, Measured
 from vbaa_calib.antenna.rungs import RUNGS
-from vbaa_calib.core.arrays import as_float, as_floats, gate
+from vbaa_calib.core.arrays import as_float, as_floats, validate_arguments
 from vbaa_calib.core.errors import InputError, quoted
 from vbaa_calib.core.threads import cores
 from vbaa_calib.native import core
@@ -218,7 +218,7 @@ class ContactEstimator:
         located = np.isin(contacts.status, LOCATED)
         return replace(contacts, jacobian=jacobian_of(batch, self._rig_arrays, self._rung, contacts.numbers, located))
 
-    @gate
+    @validate_arguments
     def run(self, recording: Iterable[Measured], *, live: bool = False) -> Iterator[Contact]:
         """Estimates a recording frame by frame, in order and in constant memory.
 

@@ -171,7 +171,7 @@ def _same_paths_m_s2(rig: Rig) -> float:
     )
 
 
-def detect_again(estimator: ContactEstimator, glances: Sequence[_FirstDetection]) -> list[Detection]:
+def detect_again(estimator: ContactEstimator, firsts: Sequence[_FirstDetection]) -> list[Detection]:
     """Measures the antenna of each picture again along the shape of the first detection, unless that was certain.
 
     A line that was seen only in part, or twice, is not fitted, and so not measured again. Nor is one seen from the
@@ -179,37 +179,37 @@ def detect_again(estimator: ContactEstimator, glances: Sequence[_FirstDetection]
     """
     rig = estimator.rig
     found = [
-        Detection(each.line, measured(rig, each.frame, each.line if each.line.found else NOTHING)) for each in glances
+        Detection(each.line, measured(rig, each.frame, each.line if each.line.found else NOTHING)) for each in firsts
     ]
-    unsure = [index for index, each in enumerate(glances) if each.line.found and not _sure(each)]
+    unsure = [index for index, each in enumerate(firsts) if each.line.found and not _sure(each)]
     shapes = estimator.rough([found[index].measured for index in unsure]) if unsure else []
     for index, rough in zip(unsure, shapes, strict=True):
         if rough is not None:
-            found[index] = _along(rig, glances[index], *rough)
+            found[index] = _along(rig, firsts[index], *rough)
     return found
 
 
-def _sure(glance: _FirstDetection) -> bool:
+def _sure(detected: _FirstDetection) -> bool:
     """Whether a line of one polarity was detected from the clamp to its tip with hardly a gap."""
-    line = glance.line
-    if glance.bright is None or line.end != "tip":
+    line = detected.line
+    if detected.bright is None or line.end != "tip":
         return False
     seen = np.asarray(line.visibility) == Visibility.SEEN
     last = len(seen) - int(seen[::-1].argmax())
     return float(seen[:last].mean()) >= ContactSettings.sure_detection
 
 
-def _along(rig: Rig, glance: _FirstDetection, unknowns: np.ndarray, points_m: np.ndarray) -> Detection:
+def _along(rig: Rig, detected: _FirstDetection, unknowns: np.ndarray, points_m: np.ndarray) -> Detection:
     seen_from = (rig.camera, rig.T_antenna_camera.inverse(), points_m)
     guide, width = pixels(*seen_from), width_px(*seen_from, rig.antenna.diameter_m * rig.antenna.taper.middle)
-    assert glance.looking is not None
-    picture = glance.image if glance.bare else glance.picture
-    again = glance.looking.along(glance.image, guide, width, glance.bright, picture, glance.line.odds)
-    if glance.picture is not None:
-        again = without_other_things(glance.picture, again, rig.image.looks, width, rig.image.paint)
-    where, changing = glance.looking.corridor, glance.bright is None
+    assert detected.looking is not None
+    picture = detected.image if detected.bare else detected.picture
+    again = detected.looking.along(detected.image, guide, width, detected.bright, picture, detected.line.odds)
+    if detected.picture is not None:
+        again = without_other_things(detected.picture, again, rig.image.looks, width, rig.image.paint)
+    where, changing = detected.looking.corridor, detected.bright is None
     # whatever was left out of the first look, since it was judged
-    line = of_antennas_shape(glance.line, where, changing) if changing else glance.line
+    line = of_antennas_shape(detected.line, where, changing) if changing else detected.line
     if len(again.points_px) >= ContactSettings.second_detection * len(line.points_px):
         first, line = line, of_antennas_shape(again, where, changing)
         if line.found and changing:
@@ -217,12 +217,12 @@ def _along(rig: Rig, glance: _FirstDetection, unknowns: np.ndarray, points_m: np
             if first.found and line.seen < first.seen and farther_px < ContactSettings.farther_widths * width:
                 line = first
     # what is doubted on a closer look, though not on the first, makes no contact
-    return Detection(line, measured(rig, glance.frame, line if line.found else NOTHING, start=unknowns))
+    return Detection(line, measured(rig, detected.frame, line if line.found else NOTHING, start=unknowns))
 
 
-def _detections(estimator: ContactEstimator, glances: Iterable[_FirstDetection]) -> Iterator[Detection]:
+def _detections(estimator: ContactEstimator, firsts: Iterable[_FirstDetection]) -> Iterator[Detection]:
     """Second detections of pictures in order, as many at a time as memory allows."""
-    coming = iter(glances)
+    coming = iter(firsts)
     for first in coming:
         most = min(ContactSettings.at_once_px // first.image.size, STREAM)
         yield from detect_again(estimator, [first, *islice(coming, max(most - 1, 0))])
@@ -262,7 +262,7 @@ def read_ahead(rig: Rig, frames: Iterable[Frame]) -> Iterator[tuple[Frame, Frame
             waiting.extend(islice(coming, 1))
 
 
-def first_look(
+def first_detection(
     estimator: ContactEstimator, frame: Frame, picture: np.ndarray | None, ground: Ground | None = None
 ) -> _FirstDetection:
     """First detection in a frame's picture (H, W[, 3]) of the rig's size, with a known background subtracted where
@@ -384,7 +384,7 @@ def detected(
         for (name, one), each in zip(estimator.cameras.items(), tee(taken, 1 + len(rig.others)), strict=True):
             parts.append(detected(one, _of_camera(each, name), ground))
         return (Detection.together(rig, several) for several in zip(*parts, strict=True))
-    firsts = (first_look(estimator, frame, cast("np.ndarray | None", one), ground) for frame, one in taken)
+    firsts = (first_detection(estimator, frame, cast("np.ndarray | None", one), ground) for frame, one in taken)
     return _detections(estimator, _in_order(estimator, firsts))
 
 

@@ -20,7 +20,7 @@ from estimator.contact.recording import (
     Ground,
     after,
     detect_again,
-    first_look,
+    first_detection,
     frame_contact,
     gravity,
     prepared,
@@ -29,7 +29,7 @@ from estimator.diagnose import RigWatch
 from estimator.diagnose.consequences import RunningVerdict, changed_row
 from estimator.table.contacts import ContactRow
 from vbaa_calib.antenna.shape import bend
-from vbaa_calib.core.arrays import gate
+from vbaa_calib.core.arrays import validate_arguments
 from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.detect.whisker.corridor import pixels, width_px
 from vbaa_calib.rig import Rig
@@ -79,7 +79,7 @@ class LiveEstimator:
     watch : of the rig, while it is in use; its alarms come with the contacts.
     """
 
-    @gate
+    @validate_arguments
     def __init__(
         self,
         estimator: ContactEstimator,
@@ -137,7 +137,7 @@ class LiveEstimator:
         elif self._later is not None:
             yield from map(self._finally, self._later.idle())
 
-    @gate
+    @validate_arguments
     def tick(self, now_s: float) -> Iterator[LiveContact]:
         """The contacts of pictures that have waited long enough for readings, by the source's clock."""
         for each in self.synchronizer.ready(now_s):
@@ -165,7 +165,7 @@ class LiveEstimator:
         rig, several = self.estimator.rig, list[Detection]()
         for name, one in self._cameras.items():
             image = each.images.get(name) if rig.others else each.taken.image
-            first = first_look(one, each.frame, image, self._ground)
+            first = first_detection(one, each.frame, image, self._ground)
             first, self._before[name] = after(first, self._before[name])
             several += detect_again(one, [first])
         return Detection.together(rig, several) if rig.others else several[0]

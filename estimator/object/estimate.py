@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.contact.common_errors import CommonErrors, shared_errors
 from estimator.table.contacts import ContactTable
-from vbaa_calib.core.arrays import gate
+from vbaa_calib.core.arrays import validate_arguments
 from vbaa_calib.core.robust import finite_median, finite_or_none
 
 from .friction import Friction, FrictionSettings, friction
@@ -77,7 +77,7 @@ class ObjectEstimate:
         }
 
 
-@gate
+@validate_arguments
 def estimate_object(
     table: ContactTable, rig: Rig | None = None, friction_rad: float | None = None, *, events: bool = True
 ) -> ObjectEstimate:

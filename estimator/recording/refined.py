@@ -23,7 +23,7 @@ from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from estimator.table.contacts import COLUMNS, FRICTION_RAD, LOCATED, ContactRow, ContactTable, Measured, joint_angles
 from vbaa_calib.antenna.rungs import REFERENCE
 from vbaa_calib.antenna.shape import CONTACT
-from vbaa_calib.core.arrays import gate
+from vbaa_calib.core.arrays import validate_arguments
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.robust import finite_or_none
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
@@ -88,7 +88,7 @@ def _pair(before: np.ndarray, after: np.ndarray) -> dict[str, float | None]:
     return dict(zip(("framewise", "refined"), map(finite_or_none, values), strict=True))
 
 
-@gate
+@validate_arguments
 def refine(
     contacts: ContactTable, rig: Rig, recording: Sequence[Measured], known: KnownObject | None = None
 ) -> Refined:

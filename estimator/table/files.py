@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vbaa_calib.core.arrays import PLAUSIBLE, gate
+from vbaa_calib.core.arrays import PLAUSIBLE, validate_arguments
 from vbaa_calib.core.csv_rows import MOST_WHOLE, csv_rows, number, whole_number
 from vbaa_calib.core.errors import InputError, quoted
 from vbaa_calib.core.files import most_memory, replacing, require_file
@@ -65,7 +65,7 @@ def check_format(path: Path) -> None:
         raise InputError("is neither .csv nor .parquet", where=path, remedy="the suffix chooses the format")
 
 
-@gate
+@validate_arguments
 def write_contacts(
     path: Path, rows: Iterable[ContactRow | ContactTable], force: bool = False, about: dict[bytes, bytes] | None = None
 ) -> None:
@@ -182,7 +182,7 @@ def _quoted(text: str) -> str:
     return '"' + text.replace('"', '""') + '"' if _SPECIAL.search(text) else text
 
 
-@gate
+@validate_arguments
 def read_contacts(path: Path, several: bool = False, antenna: str | None = None) -> ContactTable:
     """Read contacts from a CSV, or from a Parquet file by its suffix.
 

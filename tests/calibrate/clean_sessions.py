@@ -19,7 +19,7 @@ from vbaa_calib.calibrate.doubts import _row_doubts as row_doubts
 from vbaa_calib.calibrate.doubts import prior_doubts
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.camera import Camera
-from vbaa_calib.diagnose.session import still_diagnoses
+from vbaa_calib.diagnose.session import static_frame_diagnoses
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import MomentSensor, Rig
 from vbaa_calib.session import DRIFTS, Drift, Load, LoadReadings, Session, Still
@@ -124,7 +124,7 @@ def said(drawn: CleanSession) -> tuple[list[str], Rig]:
     """What `vbaa calibrate` says of the stills, its diagnoses first, and the rig."""
     joint = solve_antenna(drawn.session, drawn.observations, drawn.before)
     rig = make_rig(drawn.session, Kinematics(), joint, drawn.observations)
-    diagnoses = still_diagnoses(drawn.session, Kinematics(), joint)
+    diagnoses = static_frame_diagnoses(drawn.session, Kinematics(), joint)
     found = diagnoses + prior_doubts(joint, diagnoses) + row_doubts(joint, ())
     # a gain of its own is no fault of a sensor
     return [f"{one.name}: {one}" for one in found if one.severity != "note"], rig

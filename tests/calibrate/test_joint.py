@@ -17,7 +17,7 @@ from vbaa_calib.calibrate.doubts import prior_doubts
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.robust import chi_square
-from vbaa_calib.diagnose.session import still_diagnoses
+from vbaa_calib.diagnose.session import static_frame_diagnoses
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import RIG_PARAMETERS
 from vbaa_calib.session import DRIFTS, Drift, Load, LoadReadings, Still
@@ -180,7 +180,7 @@ def named(observations: list[Observation]) -> list[Observation]:
 def test_a_good_calibration_raises_no_doubt(good) -> None:
     _, observations = good
     joint = solved(named(observations), np.random.default_rng(3))
-    found = still_diagnoses(SESSION, Kinematics(), joint)
+    found = static_frame_diagnoses(SESSION, Kinematics(), joint)
     found += prior_doubts(joint, found) + row_doubts(joint, found)
     assert [str(one) for one in found if one.severity != "note"] == []
 

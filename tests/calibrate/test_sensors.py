@@ -17,7 +17,7 @@ from vbaa_calib.calibrate.antenna.residual_checks import check
 from vbaa_calib.calibrate.antenna.session_rig import make_rig, prior, read_by, solve_antenna
 from vbaa_calib.calibrate.check.antenna import check_stills
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
-from vbaa_calib.diagnose.session import still_diagnoses
+from vbaa_calib.diagnose.session import static_frame_diagnoses
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import READINGS, Load, NominalWrenchSensor, Session, Still
@@ -59,7 +59,7 @@ def test_the_rig_is_honest_and_can_be_stored(first: int, count: int) -> None:
         rig = make_rig(silent.session, Kinematics(), joint, silent.observations)
         log_stiffness = np.log(rig.antenna.stiffness_Nm2)
         off.append((log_stiffness - drawn.world.parameters[6]) / rig.std("log_stiffness_Nm2"))
-        assert not any(one.grave for one in still_diagnoses(silent.session, Kinematics(), joint))
+        assert not any(one.grave for one in static_frame_diagnoses(silent.session, Kinematics(), joint))
         assert check(joint)["noise_Nm"] is None
         data = rig.to_dict()
         again = Rig.from_dict(data)
@@ -168,7 +168,7 @@ def test_exchanged_channels_and_signs_are_named(
     fault: Callable[[Still], Still], name: str, words: tuple[str, ...]
 ) -> None:
     session, joint, _, _ = adjusted(ALL, 7, fault)
-    found = [one for one in still_diagnoses(session, Kinematics(), joint) if one.name.startswith("sensor")]
+    found = [one for one in static_frame_diagnoses(session, Kinematics(), joint) if one.name.startswith("sensor")]
     assert [one.name for one in found[:1]] == [name] * bool(name)
     for word in words:
         assert word in found[0].words

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vbaa_calib.core.arrays import gate
+from vbaa_calib.core.arrays import validate_arguments
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.native import core
 
@@ -23,7 +23,7 @@ REFERENCE = "rod"
 """What the other rungs are compared with, as in the core: what they leave out is alike in neighbours and adds up."""
 
 
-@gate
+@validate_arguments
 def curves(
     rung: str,
     parameters: np.ndarray,

@@ -103,7 +103,7 @@ def _plane_doubts(plane: PlaneC) -> list[Diagnosis]:
 
 def doubts(calibration: Calibration) -> list[Diagnosis]:
     """All diagnoses of a calibration, except those that another one explains."""
-    joint, explained = calibration.joint, calibration.still_diagnoses
+    joint, explained = calibration.joint, calibration.static_frame_diagnoses
     found = [*calibration.lens.verdict.findings, *_plane_doubts(calibration.plane), *explained]
     found += prior_doubts(joint, explained) + _row_doubts(joint, explained)
     if not any(one.name.startswith("gravity_") for one in explained):

@@ -14,7 +14,7 @@ from targets.board import Board, corner_points
 from vbaa_calib.camera import Camera
 from vbaa_calib.convert import guessed
 from vbaa_calib.convert.values import Wanted
-from vbaa_calib.core.arrays import gate
+from vbaa_calib.core.arrays import validate_arguments
 from vbaa_calib.core.errors import Diagnosis, InputError, Severity, VbaaError
 from vbaa_calib.core.files import at, read_json, sha256
 from vbaa_calib.detect.board.corners import BoardView
@@ -60,7 +60,7 @@ class GivenLens:
         return {"file": self.path.name, "format": self.what, "sha256": sha256(self.path), "uncertainty": uncertainty}
 
 
-@gate
+@validate_arguments
 def read_lens(path: Path, wanted: Wanted | None = None) -> GivenLens:
     """The lens in a file.
 

@@ -21,12 +21,12 @@ from vbaa_calib.calibrate.antenna.session_rig import make_rig, observe_stills, p
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens_from_views import solve_lens
 from vbaa_calib.camera import Camera
-from vbaa_calib.core.arrays import gate
+from vbaa_calib.core.arrays import validate_arguments
 from vbaa_calib.core.errors import Diagnosis, InputError, SolveError, VbaaError, Verdict
 from vbaa_calib.core.images import SUFFIXES, list_images, picture_size
 from vbaa_calib.detect.board.corners import BoardView, detect_folder
 from vbaa_calib.diagnose.jig import plane_contradicted
-from vbaa_calib.diagnose.session import failure_causes, still_diagnoses, with_cause
+from vbaa_calib.diagnose.session import failure_causes, static_frame_diagnoses, with_cause
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Session, Still, check_pictures, read_loads, read_noload
 
@@ -44,7 +44,7 @@ class Calibration:
     stills : static frames, without a load and with one, in the order of bundle adjustment.
     given : the initial lens, where it was not solved from intrinsics/.
     others : calibrations of further cameras, by name, each by itself; `rig` is of all cameras in one solve.
-    still_diagnoses : mistakes that the static frames reveal; those of the lens' pictures are in its verdict.
+    static_frame_diagnoses : mistakes that the static frames reveal; those of the lens' pictures are in its verdict.
     """
 
     session: Session
@@ -54,7 +54,7 @@ class Calibration:
     joint: BundleAdjustment
     checks: Mapping[str, Any]
     stills: Sequence[Still]
-    still_diagnoses: Sequence[Diagnosis]
+    static_frame_diagnoses: Sequence[Diagnosis]
     given: GivenLens | None = None
     others: Mapping[str, Calibration] = field(default_factory=dict)
 
@@ -179,7 +179,7 @@ def _mistakes(
         found = jig_causes(session, camera, plane, free)
         if is_slip(found, session, camera, plane, free):
             return found
-    mistakes = still_diagnoses(session, plane.kinematics, joint)
+    mistakes = static_frame_diagnoses(session, plane.kinematics, joint)
     # the antenna's length is one of the table's hypotheses, and what nothing explained may be the camera's
     rest = [one for one in mistakes if one.name not in ("antenna_length", "stills_contradict", "load_row_unexplained")]
     # where the pictures fit no antenna, diagnoses of loads and clamp may be due to a wrong plane C
@@ -190,7 +190,7 @@ def _mistakes(
     return [*found, *([] if unexplained else rest)] if found else mistakes
 
 
-@gate
+@validate_arguments
 def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | None = None) -> Calibration:
     """Calibrates a rig from a session. All inputs are checked before the long computation.
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from vbaa_calib.core.arrays import ArrayT, as_floats, fixed, gate, is_tensor, masked, of_shape, working
+from vbaa_calib.core.arrays import ArrayT, as_floats, fixed, is_tensor, masked, of_shape, validate_arguments, working
 from vbaa_calib.core.errors import InputError, about, quoted
 from vbaa_calib.core.files import read_json, write_json
 from vbaa_calib.geometry.covariance import is_covariance
@@ -141,7 +141,7 @@ class Camera:
         """(4 + k,) parameters in the order of `parameter_names`."""
         return np.concatenate([self.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], self.distortion])
 
-    @gate
+    @validate_arguments
     def moved(self, step: np.ndarray) -> Camera:
         """The camera with its parameters changed by a step (4 + k,); the covariance is unchanged."""
         step = of_shape(step, self.parameters.shape, "step", finite=False)
@@ -149,7 +149,7 @@ class Camera:
         matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += step[:4]
         return replace(self, matrix=matrix, distortion=self.distortion + step[4:])
 
-    @gate
+    @validate_arguments
     def part(self, binning: tuple[int, int] = (1, 1), roi: tuple[int, int, int, int] | None = None) -> Camera:
         """The camera of cropped and binned pictures: first cropped to `roi` (left, top, width, height; px), then
         binned horizontally and vertically.
@@ -173,7 +173,7 @@ class Camera:
         size = width // binning[0], height // binning[1]
         return replace(self, image_size=size, matrix=matrix, covariance=covariance)
 
-    @gate
+    @validate_arguments
     def in_picture(self, pixels: np.ndarray) -> np.ndarray:
         """(...) mask of the pixels (..., 2) in the picture, up to the outer edges of its outermost ones; False for
         NaN."""
@@ -181,20 +181,20 @@ class Camera:
             raise InputError(f"pixels have the shape {pixels.shape}", remedy="give them as (..., 2)")
         return np.all((pixels > -0.5) & (pixels < np.array(self.image_size) - 0.5), axis=-1)
 
-    @gate
+    @validate_arguments
     def save(self, path: Path | str, *, force: bool = False) -> None:
         """Write camera.json, completely or not at all. Raises InputError for an existing file, unless `force`."""
         write_json(Path(path), self.to_dict(), force, Camera.from_dict)
 
     @staticmethod
-    @gate
+    @validate_arguments
     def load(path: Path | str) -> Camera:
         """The camera in a camera.json. Raises InputError naming the file and what is wrong with it."""
         with about(path):
             return Camera.from_dict(read_json(Path(path)))
 
     @staticmethod
-    @gate
+    @validate_arguments
     def from_dict(data: Mapping[str, Any]) -> Camera:
         """The camera from the keys of camera.json; other keys are ignored. Raises InputError for a missing or wrong
         one."""

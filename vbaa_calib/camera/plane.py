@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from vbaa_calib.core.arrays import Array, ArrayT, gate, like, masked, namespace
+from vbaa_calib.core.arrays import Array, ArrayT, like, masked, namespace, validate_arguments
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Plane
 
@@ -27,7 +27,7 @@ def cross(origins: Array, directions: Array, normals: Array, offsets_m: Array) -
     return origins + range_m[..., None] * directions, valid
 
 
-@gate
+@validate_arguments
 def intersect_plane(origins: ArrayT, directions: ArrayT, plane: Plane) -> tuple[ArrayT, ArrayT]:
     """Intersections (..., 3) of rays with a plane, and validity (...). All in the plane's frame.
 
@@ -36,7 +36,7 @@ def intersect_plane(origins: ArrayT, directions: ArrayT, plane: Plane) -> tuple[
     return _finished(origins, directions, like(directions, plane.normal), plane.offset_m)
 
 
-@gate
+@validate_arguments
 def intersect_hinge_plane(origins: ArrayT, directions: ArrayT, roll_rad: ArrayT) -> tuple[ArrayT, ArrayT]:
     """Intersections (..., 3) of rays with the deformation plane 𝒟 at each roll (...), and validity (...). Antenna
     frame.
@@ -51,7 +51,7 @@ def intersect_hinge_plane(origins: ArrayT, directions: ArrayT, roll_rad: ArrayT)
     return _finished(origins, directions, normals, 0.0)
 
 
-@gate
+@validate_arguments
 def in_plane_axes(plane: Plane) -> np.ndarray:
     """(2, 3) orthonormal axes of the coordinates on a plane.
 

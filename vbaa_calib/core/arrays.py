@@ -244,7 +244,7 @@ _AT_ONCE = {float: "float", int: "int", str: "str", bool: "bool"}
 """What most calls are given, and the annotation that it fits."""
 
 
-def gate(call: _Call) -> _Call:
+def validate_arguments(call: _Call) -> _Call:
     """Decorator: a public function or record that validates its arguments by its annotations.
 
     Numbers must be numbers, arrays consist of numbers (masked values are missing), lists must not be text, records must

@@ -905,7 +905,7 @@ def _sensor_diagnoses(readings: MomentReadings) -> list[Diagnosis]:
     return diagnose(readings, SENSOR)
 
 
-def still_diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjustment) -> list[Diagnosis]:
+def static_frame_diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjustment) -> list[Diagnosis]:
     """Diagnoses of a session's numbers, rows, camera, antenna, clamp and moment sensor, the likeliest first. joint :
     the solution from all its pictures, from `solve_antenna`."""
     try:
@@ -917,7 +917,7 @@ def still_diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjus
 def _session_diagnoses(
     session: Session, kinematics: Kinematics, observations: Sequence[Observation], before: Prior
 ) -> list[Diagnosis]:
-    """`still_diagnoses` for observations that may have no common solution. Raises SolveError."""
+    """`static_frame_diagnoses` for observations that may have no common solution. Raises SolveError."""
     witness = Witness.of(session, kinematics, observations, before)
     rounds, right = explained(witness, [_explanations])
     found = [joined(best) for best in rounds]

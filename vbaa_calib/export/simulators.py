@@ -18,7 +18,7 @@ import numpy as np
 
 from vbaa_calib.antenna.rod import Rod
 from vbaa_calib.antenna.taper import profiles_to_dict
-from vbaa_calib.core.arrays import gate
+from vbaa_calib.core.arrays import validate_arguments
 from vbaa_calib.core.errors import InputError, quoted
 from vbaa_calib.core.files import refuse_overwrite, write_text
 from vbaa_calib.geometry import Kinematics, Pose
@@ -326,7 +326,7 @@ EXPORTS: dict[str, tuple[Callable[[Rig, int], str], str, str]] = {
 """Name on the command line → what writes the text, what it is, and what it has no place for."""
 
 
-@gate
+@validate_arguments
 def export(
     rig: Rig, to: str, output: str | Path, *, segments: int = _ExportSettings.segments, force: bool = False
 ) -> None:

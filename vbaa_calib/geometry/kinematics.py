@@ -9,7 +9,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vbaa_calib.core.arrays import PLAUSIBLE, check_angle, fixed, gate
+from vbaa_calib.core.arrays import PLAUSIBLE, check_angle, fixed, validate_arguments
 from vbaa_calib.core.errors import InputError
 
 from .pose import Pose
@@ -18,7 +18,7 @@ _MOST_KEPT = 64  # readings of which the pose is kept for the next who asks
 _STEP = 1e-5  # finite-difference step of skew, offset and zero, rad or m
 
 
-@gate
+@validate_arguments
 def rotation_world_antenna(pan_rad: ArrayLike, tilt_rad: ArrayLike, axis_skew_rad: float = 0.0) -> np.ndarray:
     """R_world_antenna = Rz(pan)·Rx(skew)·Ry(−tilt), (..., 3, 3) for angles (...). Without skew it is Eq. (22) with
     the misprint in its third column corrected.
@@ -64,7 +64,7 @@ def _central_differences(ends: Iterable[Iterable[tuple[np.ndarray, np.ndarray]]]
     return np.stack(rotations), np.stack(translations)
 
 
-@gate
+@validate_arguments
 @dataclass(frozen=True, eq=False)
 class Kinematics:
     """Pose of the antenna frame by the joint angles: Eqs. (19) and (21), with skew and offset of the two axes.
@@ -100,7 +100,7 @@ class Kinematics:
         for name, shape in (("position_world_m", (3,)), ("axes_std", (3,)), ("axes_by_pose", (3, 6))):
             object.__setattr__(self, name, fixed(getattr(self, name), shape, name, finite=False))
 
-    @gate
+    @validate_arguments
     def T_world_antenna(self, pan_rad: float, tilt_rad: float) -> Pose:
         """Pose of the antenna frame in the world at the readings; `T_world_antenna @ p_antenna` is Eq. (19).
 
@@ -111,7 +111,7 @@ class Kinematics:
                 check_angle(angle, name)
         return Pose(*self.world_antenna(pan_rad, tilt_rad))
 
-    @gate
+    @validate_arguments
     def world_antenna(self, pan_rad: ArrayLike, tilt_rad: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """Rotations (B, 3, 3) and translations (B, 3) of `T_world_antenna` at many readings (B,)."""
         pan_rad, tilt_rad = np.asarray(pan_rad, float), np.asarray(tilt_rad, float)

@@ -9,7 +9,7 @@ from typing import Any, overload
 
 import numpy as np
 
-from vbaa_calib.core.arrays import as_floats, fixed, gate, of_shape
+from vbaa_calib.core.arrays import as_floats, fixed, of_shape, validate_arguments
 from vbaa_calib.core.errors import InputError, quoted
 
 
@@ -45,7 +45,7 @@ class Pose:
         return Pose(_rotation_of(x, y, z, w), translation_m)
 
     @staticmethod
-    @gate
+    @validate_arguments
     def from_dict(data: Mapping[str, Any]) -> Pose:
         """The pose in {"translation_m": [x, y, z], "rotation_xyzw": [x, y, z, w]}, the layout of all our files."""
         for key in ("rotation_xyzw", "translation_m"):
@@ -87,7 +87,7 @@ class Pose:
         tangent = of_shape(tangent, (6,), "tangent", finite=False)
         return Pose(_rotation_about(tangent[:3]) @ self.rotation, self.translation_m + tangent[3:])
 
-    @gate
+    @validate_arguments
     def tangent_from(self, other: Pose) -> np.ndarray:
         """(6,) tangent with which `other.retract` gives this pose."""
         turn = _rotvec_of(self.rotation @ other.rotation.T)
@@ -171,7 +171,7 @@ PLANE_C = Plane(np.array([0.0, 0.0, 1.0]), 0.0)
 """The calibration plane C in the antenna frame: z = 0."""
 
 
-@gate
+@validate_arguments
 def hinge_plane(roll_rad: float) -> Plane:
     """The deformation plane 𝒟 in the antenna frame: through the x axis, turned by the roll ξ from plane C."""
     return Plane(np.array([0.0, -np.sin(roll_rad), np.cos(roll_rad)]), 0.0)

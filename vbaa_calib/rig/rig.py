@@ -12,7 +12,7 @@ import numpy as np
 
 from vbaa_calib.camera import Camera, in_plane_axes
 from vbaa_calib.camera.lens import from_core
-from vbaa_calib.core.arrays import as_floats, fixed, gate, of_shape, real_gravity
+from vbaa_calib.core.arrays import as_floats, fixed, of_shape, real_gravity, validate_arguments
 from vbaa_calib.core.errors import InputError, Verdict, about, quoted
 from vbaa_calib.core.files import read_json, write_json
 from vbaa_calib.geometry import PLANE_C, Kinematics, Plane, Pose
@@ -286,7 +286,7 @@ class Rig:
         """The columns of our tables that its sensors' readings have."""
         return tuple(name for name, std in zip(READINGS.values(), self.reading_noise, strict=True) if std > 0.0)
 
-    @gate
+    @validate_arguments
     def with_covariance(self, covariance: np.ndarray) -> Rig:
         """The rig with another joint covariance, (17 + P, 17 + P), or another `covariance_with_tip`, (17 + P + W +
         1, …)."""
@@ -358,7 +358,7 @@ class Rig:
         covariance = self.covariance if sensor is None else sensor.joined(self.covariance)
         return covariance if self.tip is None else self.tip.joint_with(covariance)
 
-    @gate
+    @validate_arguments
     def drifted(self, part: float = 1.0) -> Rig:
         """The rig with the possible changes since its calibration added to the covariance, the lens's included.
 
@@ -401,7 +401,7 @@ class Rig:
         scale[[first + lens.index(name) for name in ("fx", "fy")]] = drift.picture_scale * focal_px
         return np.diag(std**2) + np.outer(scale, scale)
 
-    @gate
+    @validate_arguments
     def moved(self, step: np.ndarray) -> Rig:
         """The rig with its parameters changed by a step (17 + P,) or (17,), or one of all of `covariance_with_tip`;
         the covariance is unchanged."""
@@ -434,7 +434,7 @@ class Rig:
             tip=tip,
         )
 
-    @gate
+    @validate_arguments
     def step_from(self, other: Rig) -> np.ndarray:
         """(17 + P,) the step with which `other.moved` gives this rig; (17,) where their lens models differ."""
         now, then = self.moment_sensor, other.moment_sensor
@@ -448,7 +448,7 @@ class Rig:
             ]
         )
 
-    @gate
+    @validate_arguments
     def of_antenna(self, name: str) -> Rig:
         """The rig with the antenna of this name; with its only one where the rig names none. Raises InputError."""
         if not self.antennas:
@@ -466,7 +466,7 @@ class Rig:
         )
         return replace(self, antenna=antenna, covariance=covariance, tip=None, antennas={})
 
-    @gate
+    @validate_arguments
     def camera_on_plane(self, plane: Plane = PLANE_C) -> CameraOnPlane:
         """The metric layer: pixels to metric coordinates on a plane of the antenna frame, plane C by default."""
         from vbaa_calib.camera import CameraOnPlane  # loads torch
@@ -516,7 +516,7 @@ class Rig:
         order = np.r_[len(RIG_PARAMETERS) : len(joint), : len(POSE_PARAMETERS)]
         return joint[np.ix_(order, order)]
 
-    @gate
+    @validate_arguments
     def std(self, parameter: str) -> float:
         """Standard deviation of one of `parameter_names`."""
         if parameter not in self.parameter_names:
@@ -525,7 +525,7 @@ class Rig:
         return float(np.sqrt(self.covariance[index, index]))
 
     @staticmethod
-    @gate
+    @validate_arguments
     def load(path: str | Path) -> Rig:
         """Read a rig.json, or a YAML file of a stated rig. Raises InputError naming what is wrong in it."""
         path = Path(path)
@@ -536,7 +536,7 @@ class Rig:
         return Rig.from_dict(read_json(path), path)
 
     @staticmethod
-    @gate
+    @validate_arguments
     def from_dict(data: Mapping[str, Any], where: object = "rig") -> Rig:
         """The rig from the mapping that `to_dict` makes. Raises InputError naming the key that is wrong."""
         from vbaa_calib.core.models import checked  # loads pydantic, which a rig in memory does without
@@ -576,7 +576,7 @@ class Rig:
                 camera_name=read.camera_name,
             )
 
-    @gate
+    @validate_arguments
     def save(self, path: str | Path, *, force: bool = False) -> None:
         """Write rig.json, completely or not at all. Raises InputError for an existing file, unless `force`."""
         write_json(Path(path), self.to_dict(), force, Rig.from_dict)

@@ -16,7 +16,7 @@ from pydantic.json_schema import JsonSchemaValue
 from targets.board import BoardWithIds, FileBoard
 from vbaa_calib.antenna.materials import MATERIALS, Material, round_wire
 from vbaa_calib.antenna.taper import Taper
-from vbaa_calib.core.arrays import gate, real_gravity
+from vbaa_calib.core.arrays import real_gravity, validate_arguments
 from vbaa_calib.core.errors import Diagnosis, InputError, about
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.models import FileModel, Number, array_of, checked, read_as
@@ -483,7 +483,7 @@ def gravity_antenna(kinematics: Kinematics, gravity_world_m_s2: np.ndarray, fram
     return np.array([turn.T @ gravity_world_m_s2 for turn in turns]).reshape(-1, 3)
 
 
-@gate
+@validate_arguments
 def load_session(root: Path) -> Session:
     """Read and check session.yaml. Raises InputError naming the key that is wrong."""
     root = Path(root)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from vbaa_calib.core.arrays import ANGLE_REMEDY, PLAUSIBLE, as_floats, check_each, gate
+from vbaa_calib.core.arrays import ANGLE_REMEDY, PLAUSIBLE, as_floats, check_each, validate_arguments
 from vbaa_calib.core.errors import InputError, quoted
 from vbaa_calib.session import READINGS, Frame
 from vbaa_calib.session.tables import ANGLES
@@ -23,7 +23,7 @@ from .messages import CHANNELS, MESSAGES, Reading, Taken, checked_channel
 _Message = Taken | Reading
 
 
-@gate
+@validate_arguments
 @dataclass(frozen=True)
 class Timing:
     """Tolerances and clock offsets by which readings and pictures are matched.
@@ -223,7 +223,7 @@ class Synchronizer:
     counts : of what came and of what was left out, by name.
     """
 
-    @gate
+    @validate_arguments
     def __init__(
         self,
         timing: Timing,
@@ -284,7 +284,7 @@ class Synchronizer:
         self._now_s = message.arrived_s
         return chain(early, self.ready(message.arrived_s))
 
-    @gate
+    @validate_arguments
     def ready(self, now_s: float) -> Iterator[Synchronized]:
         """The frames that are complete, or have waited long enough by the source's clock."""
         for stream, stamps in list(self._stamps.items()):

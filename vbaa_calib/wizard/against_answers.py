@@ -247,7 +247,7 @@ def antenna_diagnoses(state: SessionState, together: bool = True) -> list[Diagno
     first = _first_doubts(state)
     if not together:
         return first
-    found = state.still_diagnoses()
+    found = state.static_frame_diagnoses()
     if any(one.name.startswith("antenna_contradicts") for one in first):
         found = [one for one in found if one.name != "antenna_contradicts_plane"]
     elif not any(one.grave or "material" in one.name for one in found):

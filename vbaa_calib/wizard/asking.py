@@ -42,7 +42,7 @@ from vbaa_calib.wizard.questions import (
 )
 from vbaa_calib.wizard.session_state import BOARD, SessionState, scale_of
 from vbaa_calib.wizard.steps import PictureCheck, Step
-from vbaa_calib.wizard.store import ASIDE, FOLDERS, WAYS, AcceptedPicture, Store
+from vbaa_calib.wizard.store import ARCHIVE, FOLDERS, WAYS, AcceptedPicture, Store
 from vbaa_calib.wizard.ui import Interrupted, LivePicture, Ui
 
 _SHEET = "board.pdf"
@@ -292,7 +292,7 @@ def adopt(store: Store, ui: Ui) -> None:
     if not store.is_new or not path.exists():
         return
     session, answers = load_session(store.root), SessionState.answers_of(path)
-    inputs = store.root / ASIDE / "given"
+    inputs = store.root / ARCHIVE / "given"
     inputs.mkdir(parents=True, exist_ok=True)
     for file in (path, *(store.root / folder / f"{folder}.csv" for folder in READINGS)):
         if file.is_file():

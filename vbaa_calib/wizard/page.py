@@ -141,7 +141,7 @@ class Page(WizardView):
             "suggested_px": None if target is None else target.outline_px.tolist(),
             "suggestion": (target.words if target else "") + (f" · {check.closer}" if check.closer else ""),
             "closeness": check.closeness,
-            "hold": view.held,
+            "hold": view.rested,
             "hints": [hint.to_dict() for hint in check.hints],
         }
         picture = view.image if view.drawn is None else view.drawn

@@ -33,7 +33,7 @@ from vbaa_calib.core.files import UniqueKeyDumper, read_yaml, write_text
 from vbaa_calib.core.images import read_gray, read_picture
 from vbaa_calib.detect.board.board_file import load_board
 from vbaa_calib.detect.board.corners import BoardView, detect_corners
-from vbaa_calib.diagnose.session import failure_causes, still_diagnoses
+from vbaa_calib.diagnose.session import failure_causes, static_frame_diagnoses
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session import (
     SCHEMA,
@@ -54,7 +54,7 @@ from .store import AcceptedPicture, Store
 
 _Result = TypeVar("_Result")
 BOARD = "board.yaml"
-_STILLS = ("noload", "loads")
+_STATIC_STEPS = ("noload", "loads")
 _UNITS = {
     "antenna": {
         "length_m": ("antenna_length_mm", 1e-3),
@@ -367,7 +367,7 @@ class SessionState:
 
         def made() -> BundleAdjustment:
             session, first = self.session, self.lens()
-            seen = [self.observation(step, one) for step in _STILLS for one in self.taken(step)]
+            seen = [self.observation(step, one) for step in _STATIC_STEPS for one in self.taken(step)]
             if not seen:
                 raise InputError("no picture of the antenna yet", where=self.store.root, remedy="take one")
 
@@ -384,22 +384,22 @@ class SessionState:
 
             return first_solved(first, others, solve, causes)
 
-        return self.cached("joint", self.inputs("lens", "plane", *_STILLS), made)
+        return self.cached("joint", self.inputs("lens", "plane", *_STATIC_STEPS), made)
 
-    def still_diagnoses(self) -> list[Diagnosis]:
+    def static_frame_diagnoses(self) -> list[Diagnosis]:
         """Diagnoses of the antenna's pictures and their readings."""
         joint = self.joint()
         remedy = "check the answers about the jig (place, axes, turn, how well it is known) and the clamp"
 
         def made() -> list[Diagnosis]:
-            found = still_diagnoses(self.session, self.plane().kinematics, joint)
+            found = static_frame_diagnoses(self.session, self.plane().kinematics, joint)
             against_plane = [
                 replace(one, name="antenna_contradicts_plane", remedy=remedy, severity="wrong")
                 for one in prior_doubts(joint, found)
             ]
             return [*against_plane, *found]
 
-        return self.cached("diagnoses", self.inputs("lens", "plane", *_STILLS), made)
+        return self.cached("diagnoses", self.inputs("lens", "plane", *_STATIC_STEPS), made)
 
 
 def still_of(step: str, path: Path | None, readings: Mapping[str, float]) -> Still:

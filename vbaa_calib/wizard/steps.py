@@ -372,7 +372,7 @@ def _sensor_progress(state: SessionState) -> Progress:
     if not state.session.columns:
         return Progress(("there is none: vision alone",), (), "", enough=True, usable=True)
     joint = state.joint()
-    diagnoses = [one for one in state.still_diagnoses() if "sensor" in one.name or "moment" in one.name]
+    diagnoses = [one for one in state.static_frame_diagnoses() if "sensor" in one.name or "moment" in one.name]
     remedy = diagnoses[0].remedy if diagnoses else ""
     if (several := joint.sensor) is not None:
         turn_std = 1e3 * np.sqrt(np.diag(several.own_covariance)[:3]).max()

@@ -29,7 +29,7 @@ from vbaa_calib.sources import Picture
 from .questions import OF_MATERIAL, PICTURES, QUESTIONS, READINGS, SOURCES, STEPS, TABLES, Question
 
 NAME = "wizard.json"
-ASIDE = "aside"
+ARCHIVE = "aside"
 LOCK = ".wizard-lock"
 _SCHEMA = "vbaa.wizard/1"
 _REMEDY = "move wizard.json away: the wizard then begins with session.yaml and what it names, or anew; nothing is lost"
@@ -368,7 +368,7 @@ class Store:
     def _new_archive(self, name: str) -> Path:
         number = 1
         while True:
-            place = self.root / ASIDE / (name if number == 1 else f"{name}-{number}")
+            place = self.root / ARCHIVE / (name if number == 1 else f"{name}-{number}")
             try:
                 place.mkdir(parents=True)
                 return place

@@ -212,7 +212,7 @@ class Terminal(WizardView):
 
 
 def _live_words(view: LivePicture) -> str:
-    full = round(4 * view.held)
+    full = round(4 * view.rested)
     check, parts = view.check, []
     if len(check.corners_px):
         parts.append(f"{len(check.corners_px)} corners")

@@ -44,7 +44,7 @@ class LivePicture:
 
     image: np.ndarray
     check: PictureCheck
-    held: float
+    rested: float
     words: str = ""
     live: bool = True
     drawn: np.ndarray | None = None

@@ -29,7 +29,7 @@ from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from estimator.table.contacts import ContactTable, joint_angles
 from vbaa_calib.antenna.rungs import REFERENCE
 from vbaa_calib.antenna.shape import CONTACT, Curves
-from vbaa_calib.core.arrays import Rows, gate, spread_evenly
+from vbaa_calib.core.arrays import Rows, spread_evenly, validate_arguments
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry.covariance import variance_along
 from vbaa_calib.rig import Antenna, Rig
@@ -347,7 +347,7 @@ class NextTouch:
         return asdict(self)
 
 
-@gate
+@validate_arguments
 def next_touch(contacts: ContactTable, rig: Rig, goal: str = "surface", limits: JointLimits | None = None) -> NextTouch:
     """The touch that minimises the expected uncertainty of surface, friction or stiffness.
 

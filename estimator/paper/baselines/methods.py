@@ -12,7 +12,7 @@ from scipy.optimize import least_squares, minimize_scalar
 from estimator.contact.motion import Beam
 from estimator.paper.inclined import inclined_two_point_contact
 from estimator.paper.two_point import force_z, two_point_contact
-from vbaa_calib.core.arrays import gate
+from vbaa_calib.core.arrays import validate_arguments
 from vbaa_calib.core.errors import InputError
 
 from .press import Answer, Press
@@ -361,7 +361,7 @@ METHODS: dict[str, tuple[Callable[[Press], Answer], str]] = {
 """How each answers, and which measurements (`Press.has`) it needs; of those joined by | any one is enough."""
 
 
-@gate
+@validate_arguments
 def run_method(name: str, press: Press) -> Answer:
     """The method's answer to the press; where it lacks a sensor, with that as the reason.
 

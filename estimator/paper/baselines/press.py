@@ -11,14 +11,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vbaa_calib.core.arrays import gate
+from vbaa_calib.core.arrays import validate_arguments
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
 _QUARTIC = 4  # degree of the no-load shape: that of a beam under its own weight
 
 
-@gate
+@validate_arguments
 @dataclass(frozen=True)
 class Wire:
     """A straight, uniform antenna, with the standard deviations of its calibration. ρA, which only ring-downs need,
@@ -37,7 +37,7 @@ class Wire:
             )
 
 
-@gate
+@validate_arguments
 @dataclass(frozen=True, eq=False)
 class Press:
     """F frames of one touch in order of time, the last of which is to be answered; None for sensors that are

@@ -111,29 +111,29 @@ class ExpectedAntenna:
 
     def course_of(self, seen: Observation) -> np.ndarray:
         """(3,) polynomial `course` of one free antenna's detected points."""
-        return np.polyfit(*self._aside(seen), AntennaSettings.course_order)
+        return np.polyfit(*self._lateral(seen), AntennaSettings.course_order)
 
     def on_course(self, seen: Observation) -> Observation:
         """A free antenna's detected points without the stretches that leave the course common to this rig's
         pictures."""
         assert self.course is not None
-        along, aside = self._aside(seen)
-        near = np.abs(aside - np.polyval(self.course, along)) < AntennaSettings.leaves_course
+        along, lateral = self._lateral(seen)
+        near = np.abs(lateral - np.polyval(self.course, along)) < AntennaSettings.leaves_course
         if near.all() or near.mean() < AntennaSettings.least_seen_free:
             return seen
         ends = seen if near[-1] else replace(seen, tip_std_px=np.nan)
         return ends.only(near)
 
-    def _aside(self, seen: Observation) -> tuple[np.ndarray, np.ndarray]:
+    def _lateral(self, seen: Observation) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates of a free antenna's points (N,) along and across the expected antenna, relative to its length
         in the picture."""
         free = free_curve(self.parameters, self.antenna.length_m, seen.gravity_m_s2, self.antenna.taper)
         where = corridor(
             self.camera, self.T_antenna_camera.inverse(), free, self.antenna.diameter_m, taper=self.antenna.taper
         )
-        along, aside = where.coordinates(seen.points_px)
+        along, lateral = where.coordinates(seen.points_px)
         length = arc_lengths(where.axis_px)[-1]
-        return along / length, aside / length
+        return along / length, lateral / length
 
     def learned(
         self, stills: Sequence[Still], images: Sequence[np.ndarray], gravity_m_s2: Sequence[np.ndarray]
@@ -152,7 +152,7 @@ class ExpectedAntenna:
         length, reach = self.antenna.length_m, SearchSettings.reach
         shape = free_curve(self.parameters, length, gravity_m_s2, self.antenna.taper)
         if deviations is not None:
-            aside = AntennaSettings.lateral_prior if self.course is None else AntennaSettings.lateral_course
+            lateral = AntennaSettings.lateral_prior if self.course is None else AntennaSettings.lateral_course
             if isinstance(still, Load):
                 free, force = shape.points_m[0, -1], np.array([[still.force_y_N, still.force_z_N]])
                 shape = bend(
@@ -165,8 +165,8 @@ class ExpectedAntenna:
                     taper=self.antenna.taper,
                 )
                 # the stiffness may be anything within a factor of two
-                aside += float(np.linalg.norm(shape.points_m[0, -1] - free)) / length / 3.0
-            reach = min(deviations * aside, SearchSettings.reach)
+                lateral += float(np.linalg.norm(shape.points_m[0, -1] - free)) / length / 3.0
+            reach = min(deviations * lateral, SearchSettings.reach)
         path = corridor(
             self.camera, self.T_antenna_camera.inverse(), shape, self.antenna.diameter_m, reach, self.antenna.taper
         )
@@ -209,7 +209,7 @@ def observe(
         require_size(image.shape[1::-1], expected.camera, still.image)
         return image
 
-    def looked(learnt: ExpectedAntenna) -> list[Observation | None]:
+    def detected_with(learnt: ExpectedAntenna) -> list[Observation | None]:
         found: list[Observation | None] = []
         for still, pull in zip(progress(stills, what), gravity, strict=True):
             image = read(still)
@@ -227,15 +227,15 @@ def observe(
     if expected.paint is None:
         some = spread_evenly(len(stills), AntennaSettings.learnt_from).tolist()
         learnt = learned(some)
-        seen = looked(learnt)
+        seen = detected_with(learnt)
         lost = [index for index, one in enumerate(seen) if one is None][: AntennaSettings.learnt_from]
         if lost:
             # what some pictures do not show may need another paint
             again = learned([*some, *(index for index in lost if index not in some)])
-            learnt, seen = (learnt, seen) if again.paint == learnt.paint else (again, looked(again))
+            learnt, seen = (learnt, seen) if again.paint == learnt.paint else (again, detected_with(again))
         expected = learnt
     else:
-        seen = looked(expected)
+        seen = detected_with(expected)
     courses = {i: expected.course_of(one) for i, one in enumerate(seen) if one and not isinstance(one.still, Load)}
     usual = np.median(list(courses.values()), axis=0) if courses else expected.course
     learnt = replace(expected, course=usual)

@@ -121,7 +121,7 @@ def pole_distance(model: DistortionModel, intrinsics: np.ndarray, image_size: tu
     """Distance, in the complex plane of the ideal radius, between the nearest pole and the interval of radii in the
     picture, relative to the largest of these.
 
-    It is also small for a lens whose large numerator and denominator nearly cancel.
+    It is also small where a large numerator and denominator nearly cancel.
     """
     poles = np.sqrt(_poles(model, intrinsics).astype(complex))
     corners = np.array([[x, y] for x in (-0.5, image_size[0] - 0.5) for y in (-0.5, image_size[1] - 0.5)])

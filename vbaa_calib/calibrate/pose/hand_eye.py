@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vbaa_calib.camera import Camera
-from vbaa_calib.core.arrays import gate
+from vbaa_calib.core.arrays import validate_arguments
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.core.least_squares import SOFT_L1, Rules, levenberg_marquardt, solve_scaled
 from vbaa_calib.core.robust import chi_limit, radial_std
@@ -657,7 +657,7 @@ def _two(what: str, turn_and_shift: np.ndarray) -> dict[str, Any]:
     return {f"translation_{what}_m": shift, f"rotation_{what}_rad": turn}
 
 
-@gate
+@validate_arguments
 def solve_hand_eye(
     views: Sequence[BoardView | tuple[str, Pose]],
     robot_poses: Sequence[Pose],
