@@ -20,7 +20,7 @@ import numpy as np
 from estimator.solver.linearised import free_antennas
 from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import FRICTION_RAD, LOCATED, Contact, Measured
-from vbaa_calib.core.arrays import spread_evenly
+from vbaa_calib.core.arrays import neighbours, spread_evenly
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
 from vbaa_calib.session import Frame
@@ -189,9 +189,8 @@ def _off_motion(points: np.ndarray, frame: np.ndarray, settings: _ClampSettings)
     if len(points) < 2:
         return np.empty(0)
     gaps = np.diff(frame)[:, None]
-    steps, half = np.diff(points, axis=0) / gaps, settings.window // 2
-    padded = np.pad(steps, ((half, half), (0, 0)), mode="edge")
-    usual = np.median(np.lib.stride_tricks.sliding_window_view(padded, settings.window, axis=0), axis=-1)
+    steps = np.diff(points, axis=0) / gaps
+    usual = np.median(neighbours(steps, settings.window, "edge"), axis=-1)
     return np.linalg.norm((steps - usual) * gaps, axis=1)
 
 

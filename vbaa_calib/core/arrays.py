@@ -14,9 +14,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import wraps
 from types import ModuleType
-from typing import TYPE_CHECKING, Annotated, Any, Self, TypeAlias, TypeVar, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias, TypeVar, cast
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from .errors import InputError, quoted
 
@@ -230,6 +231,14 @@ class Within:
             number = Annotated[float, Strict(), AllowInfNan(False), Field(**self._bounds)]
             return handler.generate_schema(Annotated[list[number], AfterValidator(np.array), *last])
         return handler.generate_schema(Annotated[(kind, *plain, Field(**self._bounds), *last)])
+
+
+def neighbours(values: np.ndarray, count: int, ends: Literal["edge", "symmetric"]) -> np.ndarray:
+    """(N, ..., count) each of the values (N, ...) with those around it, itself in the middle. ends : how the values
+    continue beyond their ends, as `np.pad` has it."""
+    before = count // 2
+    padded = np.pad(values, [(before, count - 1 - before), *[(0, 0)] * (values.ndim - 1)], ends)
+    return sliding_window_view(padded, count, axis=0)
 
 
 def spread_evenly(count: int, most: int) -> np.ndarray:

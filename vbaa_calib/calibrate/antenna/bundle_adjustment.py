@@ -16,11 +16,11 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial import legendre
 
 from vbaa_calib.antenna.shape import PARAMETERS
 from vbaa_calib.camera import Camera
+from vbaa_calib.core.arrays import neighbours
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.core.least_squares import CHANCE_SCATTER, Linearised, Rules, disagreement, disagreement_p, minimise
 from vbaa_calib.core.robust import MAD_SCALE, chi_square, huber_weights, mad_std
@@ -132,13 +132,6 @@ def _scattered(final: Linearised, scatter: float) -> Linearised:
     return replace(final, residuals=trust * final.residuals, jacobian=trust[:, None] * final.jacobian)
 
 
-def _windows(values: np.ndarray) -> np.ndarray:
-    """(N, run) neighbours of each of the values (N,), mirrored at the ends."""
-    before = AntennaSettings.run // 2
-    padded = np.pad(values, (before, AntennaSettings.run - 1 - before), "symmetric")
-    return sliding_window_view(padded, AntennaSettings.run)
-
-
 def _undisturbed(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Masks (N,) of the points of each line that lie outside disturbed stretches, from their residuals (N,)."""
     means = list[np.ndarray]()
@@ -149,7 +142,8 @@ def _undisturbed(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
             left = off - basis @ np.linalg.lstsq(basis * weights[:, None], off * weights, rcond=None)[0]
             # on residuals, not on their squares: a stretch that is far off hardly pulls
             weights = huber_weights(left)
-        means.append(_windows(left).sum(axis=1) / np.sqrt(AntennaSettings.run))
+        runs = neighbours(left, AntennaSettings.run, "symmetric")
+        means.append(runs.sum(axis=1) / np.sqrt(AntennaSettings.run))
     usual = max(float(np.median([mad_std(one) for one in means])), 1.0)
     good = []
     for one in means:
@@ -157,7 +151,7 @@ def _undisturbed(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
         around = sizes > AntennaSettings.disturbed_around
         stretch = np.cumsum(np.diff(around, prepend=False))
         clear = around & np.isin(stretch, stretch[sizes > AntennaSettings.disturbed_clear])
-        found = np.any(_windows(clear), axis=1)
+        found = np.any(neighbours(clear, AntennaSettings.run, "symmetric"), axis=1)
         local = (
             len(found) >= 4 * AntennaSettings.run
             and found.mean() <= AntennaSettings.disturbed_most

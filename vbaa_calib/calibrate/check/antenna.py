@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from vbaa_calib.antenna.shape import CONTACT, bend
 from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, Prior, reading_keys
 from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN, LOG_STIFFNESS, OFFSET, Problem
 from vbaa_calib.calibrate.antenna.problem import RIG as LENS
+from vbaa_calib.core.arrays import neighbours
 from vbaa_calib.core.least_squares import ScoreTest, change_test, products
 from vbaa_calib.core.robust import finite_or_none, mad_std
 from vbaa_calib.rig import RIG_STEPS, Rig
@@ -82,8 +82,7 @@ def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadRe
         own, points = curves.picked(np.array([index])), problem.seen_at_lens[index]
         # points that lie where their neighbours do
         count = min(CheckSettings.neighbours, len(misfits) - 1)
-        repeated = np.pad(misfits[_POINTS], (count // 2, count - 1 - count // 2), "edge")
-        off = misfits[_POINTS] - np.sort(sliding_window_view(repeated, count))[:, count // 2]
+        off = misfits[_POINTS] - np.sort(neighbours(misfits[_POINTS], count, "edge"))[:, count // 2]
         near = np.append(np.abs(off) <= CheckSettings.outlying_point * max(mad_std(off), 0.2), True)
         # points: distances from the prediction, which moves the other way; moment: the prediction less the reading
         sign = np.append(-np.ones(near.sum() - 1), 1.0)[:, None]
