@@ -8,6 +8,7 @@ import difflib
 import re
 import sys
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,7 +29,7 @@ from vbaa_calib.wizard.questions import (
 )
 
 if TYPE_CHECKING:
-    from vbaa_calib.wizard.session_state import SessionState
+    from vbaa_calib.calibrate.pipeline import Calibration
     from vbaa_calib.wizard.store import Store
     from vbaa_calib.wizard.ui import Ui
 
@@ -122,7 +123,6 @@ def _all_answers(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _walk(args: argparse.Namespace, store: Store, answers: dict[str, Any]) -> dict[str, Any]:
-    from estimator.budget.budget import next_observations
     from vbaa_calib.calibrate.given_lens import read_lens
     from vbaa_calib.convert.values import Wanted
     from vbaa_calib.wizard.asking import adopt, archive_unlisted, check_together
@@ -133,6 +133,7 @@ def _walk(args: argparse.Namespace, store: Store, answers: dict[str, Any]) -> di
     from viz.report import check as report
 
     state, ui, url = SessionState(store), Ui(), ""
+    made: dict[str, Calibration] = {}
     # a stream is None where it was closed
     if not args.batch and all(stream is not None and stream.isatty() for stream in (sys.stdin, sys.stderr)):
         from vbaa_calib.wizard.page import Page
@@ -167,12 +168,12 @@ def _walk(args: argparse.Namespace, store: Store, answers: dict[str, Any]) -> di
         if args.reopen:
             store.close(args.reopen, "")
         try:
-            document = walk(state, ui, report.page, next_observations)
+            document = walk(state, ui, report.page, partial(_advised, made, "camera"))
         except Interrupted:
             ui.say(f"stopped; `vbaa wizard {args.session}` goes on here")
             return _result(store, None)
         ui.done(document, str(store.root / REPORT))
-        complete = _further_cameras(state, ui)
+        complete = _further_cameras(store, ui, made)
         if url:  # the page stays until it was read
             with contextlib.suppress(Interrupted):
                 ui.ask(Question("read", "", "Press Enter when you have read the report", kind="text", default="done"))
@@ -192,31 +193,41 @@ def _board_edited(store: Store) -> bool:
     return load_board(named) != load_board(store.root / BOARD)
 
 
-def _further_cameras(state: SessionState, ui: Ui) -> bool:
+def _advised(made: dict[str, Calibration], name: str, calibration: Calibration) -> Mapping[str, Any]:
+    """What to observe next after a camera's calibration, which is kept in `made` by the camera's name."""
+    from estimator.budget.budget import next_observations
+
+    made[name] = calibration
+    return next_observations(calibration)
+
+
+def _further_cameras(store: Store, ui: Ui, made: dict[str, Calibration]) -> bool:
     """Calibrate the further named cameras, each in a session of its own in cameras/NAME of this one, and solve all of
-    them together for rig.json. Returns whether all were calibrated.
+    them together for rig.json. Returns whether all were calibrated. made : calibrations by camera, the first one's
+    for a start.
 
     Raises InputError for a name that is none, and for another antenna.
     """
     from vbaa_calib.calibrate.check.finding import FAILS
-    from vbaa_calib.calibrate.pipeline import Calibration, calibrate
+    from vbaa_calib.calibrate.pipeline import Calibration
     from vbaa_calib.calibrate.report import rig_document
     from vbaa_calib.rig import Rig
-    from vbaa_calib.session import load_session
+    from vbaa_calib.wizard.flow import walk
     from vbaa_calib.wizard.session_state import SessionState
     from vbaa_calib.wizard.steps import RIG
     from vbaa_calib.wizard.store import Store
     from vbaa_calib.wizard.ui import Interrupted
+    from viz.report import check as report
 
-    store, question, name = state.store, BY_KEY["another_camera"], ""
-    names, lenses = _cameras_named(store.journal.answers), {"camera": state.given_lens}
+    question, name = BY_KEY["another_camera"], ""
+    names = _cameras_named(store.journal.answers)
     while True:
         try:
             if not names:
                 answer = str(ui.ask(question)) if ui.interactive else "none"
                 if answer == "none":
                     break
-                named = {question.key: ",".join([*list(lenses)[1:], answer])}
+                named = {question.key: ",".join([*list(made)[1:], answer])}
                 names = _cameras_named(named)[-1:]
                 store.answer(named)
             name = names.pop(0)
@@ -224,21 +235,18 @@ def _further_cameras(state: SessionState, ui: Ui) -> bool:
                 if own.is_new:
                     own.answer(_of_all_cameras(store))
                 ui.say(f"camera {name}: {own.root} continues")
-                document = _conclusion(own, ui)
-                lenses[name] = SessionState(own).given_lens
+                document = walk(SessionState(own), ui, report.page, partial(_advised, made, name))
             if document["verdict"] == FAILS:
                 raise InputError(f"camera {name} is not taken into the rig: {document['words']}", where=own.root)
         except Interrupted:
             ui.say(f"stopped; the same command goes on with camera {name}")
             return False
-    if len(lenses) > 1:
+    if len(made) > 1:
         ui.working("all cameras in one solve")
-        roots = (store.root, *(store.root / "cameras" / name for name in list(lenses)[1:]))
-        made = [calibrate(load_session(root), given=lens) for root, lens in zip(roots, lenses.values(), strict=True)]
         guide = read_json(store.root / RIG)["quality"]["guide"]
-        several = Calibration.together(dict(zip(lenses, made, strict=True)))
+        several = Calibration.together(made)
         write_json(store.root / RIG, rig_document(several, ["vbaa", "wizard"], guide), True, readable_as=Rig.from_dict)
-        ui.say(f"{store.root / RIG} has the cameras {', '.join(lenses)}")
+        ui.say(f"{store.root / RIG} has the cameras {', '.join(made)}")
     return True
 
 
@@ -251,16 +259,6 @@ def _cameras_named(answers: Mapping[str, Any]) -> list[str]:
             raise InputError(f"another_camera is {name.strip()!r}", remedy=remedy)
         found.append(name.strip())
     return found[1:]
-
-
-def _conclusion(store: Store, ui: Ui) -> dict[str, Any]:
-    """Walk through a session to its verdict. Raises Interrupted where the user stops."""
-    from estimator.budget.budget import next_observations
-    from vbaa_calib.wizard.flow import walk
-    from vbaa_calib.wizard.session_state import SessionState
-    from viz.report import check as report
-
-    return walk(SessionState(store), ui, report.page, next_observations)
 
 
 def _of_all_cameras(store: Store) -> dict[str, Any]:
