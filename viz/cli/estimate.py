@@ -339,7 +339,7 @@ def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimat
     from estimator.contact.recording import estimate_centrelines, estimate_taken, estimate_together
     from estimator.contact.source import sample_of, unpacked
     from estimator.contact.surroundings import surroundings
-    from vbaa_calib.session import without_moments
+    from vbaa_calib.session import centrelines_of, without_moments
     from vbaa_calib.streams import Synchronizer, taken_frames
 
     if args.centrelines is not None and rig.clamp is not None:
@@ -348,7 +348,8 @@ def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimat
     if args.centrelines is not None:
         if args.background is not None:
             raise InputError("--background is for pictures only", where="vbaa estimate", remedy="leave it out")
-        frames, lines = streams.tracked(args, tuple(rig.cameras) if rig.others else ())
+        lines = centrelines_of(args.centrelines, args.line, tuple(rig.cameras) if rig.others else ())
+        frames = streams.frames_of(args, {"": lines, **lines.others})
         if args.no_moment:
             frames = without_moments(frames)
         else:
@@ -380,12 +381,14 @@ def _of_moving_clamps(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstima
     """The recording of antennas with moving clamps, by centrelines of all that both file and rig have. Raises
     InputError."""
     from estimator.contact.moving_clamp import clamp_tracks, estimate_antennas
+    from vbaa_calib.session import antennas_of
 
     for name in ("background", "overlay"):
         if getattr(args, name) is not None:
             what = f"--{name} is for pictures; there are only lines"
             raise InputError(what, where="vbaa estimate", remedy="leave it out")
-    frames, lines = streams.tracked_antennas(args)
+    lines = antennas_of(args.centrelines, args.line)
+    frames = streams.frames_of(args, lines)
     if len(lines) == len(rig.antennas) == 1:
         lines = dict(zip(rig.antennas, lines.values(), strict=True))
     known = {name: each for name, each in lines.items() if not rig.antennas or name in rig.antennas}

@@ -248,25 +248,9 @@ def recorded(args: argparse.Namespace, path: Path, rig: Rig, timing: Timing) -> 
     return source.without_moments() if args.no_moment else source
 
 
-def tracked(args: argparse.Namespace, cameras: Sequence[str]) -> tuple[Sequence[Frame], Centrelines]:
-    """Frames and their centrelines (N, 3) from another tracker, of several cameras by name. Raises InputError with
-    file, line and remedy."""
-    from vbaa_calib.session import centrelines_of
-
-    lines = centrelines_of(args.centrelines, args.line, cameras)
-    return _frames_of(args, {"": lines, **lines.others}), lines
-
-
-def tracked_antennas(args: argparse.Namespace) -> tuple[Sequence[Frame], Mapping[str, Centrelines]]:
-    """Frames and the centrelines of several antennas, by name. Raises InputError as `tracked`."""
-    from vbaa_calib.session import antennas_of
-
-    lines = antennas_of(args.centrelines, args.line)
-    return _frames_of(args, lines), lines
-
-
-def _frames_of(args: argparse.Namespace, lines: Mapping[str, Centrelines]) -> Sequence[Frame]:
-    """Frames for the centrelines of several antennas, one for each number in their tables.
+def frames_of(args: argparse.Namespace, lines: Mapping[str, Centrelines]) -> Sequence[Frame]:
+    """Frames for centrelines of another tracker, by the camera's or antenna's name: one for each number in their
+    tables. Raises InputError with file, line and remedy.
 
     Without readings: vision alone, the joints as --pan and --tilt say, times by --rate, or else a second from frame to
     frame, so that none is tested for motion.
