@@ -14,7 +14,6 @@ import numpy as np
 
 from targets.board import CircleGrid, corner_points
 
-from .covariance import QUANTISATION
 from .settings import DetectionSettings
 
 _Map = Callable[[np.ndarray], np.ndarray]
@@ -46,7 +45,7 @@ def circle_centres(image: np.ndarray, found_px: np.ndarray, spec: CircleGrid) ->
         blur_px = float(np.median([area.blur_px for area in areas]))
         bias[ids] = _bias(project, points[ids], radius_m)
         centres[ids] = np.array([area.centre for area in areas]) - bias[ids]
-    noise = np.maximum(np.median([area.variances for area in areas], axis=0), QUANTISATION)
+    noise = np.maximum(np.median([area.variances for area in areas], axis=0), DetectionSettings.least_variance)
     return ids, centres[ids], np.array([area.covariance(*noise) for area in areas]), bias[ids]
 
 

@@ -111,7 +111,7 @@ def _detect_charuco(image: np.ndarray, spec: BoardSpec, name: str) -> BoardView:
         (image.shape[1], image.shape[0]),
         markers.ids,
         markers.outlines,
-        corner_covariances(image, sharpened, windows, smooth, DetectionSettings.smoothing_px),
+        corner_covariances(image, smooth, sharpened, windows),
         measure_quality(image, ids, sharpened, spec),
     )
 
@@ -176,7 +176,7 @@ def _detect_april_grid(image: np.ndarray, spec: AprilGrid, name: str) -> BoardVi
     found = np.flatnonzero(windows)
     found = found[np.argsort(ids[found])]
     ids, corners, windows = ids[found], corners[found], windows[found]
-    covariances = corner_covariances(image, corners, windows, smooth, DetectionSettings.smoothing_px)
+    covariances = corner_covariances(image, smooth, corners, windows)
     quality = measure_quality(image, ids, corners, spec)
     size = (image.shape[1], image.shape[0])
     return BoardView(name, ids, corners, size, markers.ids, markers.outlines, covariances, quality)
@@ -232,7 +232,7 @@ def _chessboard_view(image: np.ndarray, spec: Chessboard, name: str, ids: np.nda
         DetectionSettings.of_a_square * gap_px.ravel(),
         np.full(len(ids), DetectionSettings.smallest_window_px),
     )
-    covariances = corner_covariances(image, corners, windows, smooth, DetectionSettings.smoothing_px)
+    covariances = corner_covariances(image, smooth, corners, windows)
     quality = measure_quality(image, ids, corners, spec)
     size = (image.shape[1], image.shape[0])
     return BoardView(name, ids, corners, size, covariance_px2=covariances, quality=quality)

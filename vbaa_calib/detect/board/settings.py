@@ -81,6 +81,7 @@ class DetectionSettings:
     goes_on: float = 0.2  # share of places next to the grid that hold a spot, from which it goes on
 
     # noise and covariance of corners
+    least_variance: float = 1.0 / 12.0  # of a pixel, grey levels squared: rounding to whole ones
     flat: float = 0.2  # of the contrast from black or white, within which a pixel is flat
     flat_kept: float = 0.8  # share of the flat pixels that is used; dirt and print grain are in the rest
     flat_pixels: int = 60  # fewest flat pixels

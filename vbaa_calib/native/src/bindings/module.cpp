@@ -36,5 +36,6 @@ NB_MODULE(core, module) {
     vbaa::bind_surface(module);
     vbaa::bind_profile(module);
     vbaa::bind_table(module);
+    vbaa::bind_board(module);
     module.def("log_normal_cdf", &vbaa::log_normal_cdf, "Logarithms (N,) of the normal distribution function at (N,).");
 }

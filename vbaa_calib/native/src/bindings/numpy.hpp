@@ -173,5 +173,6 @@ void bind_search(nb::module_& module);
 void bind_surface(nb::module_& module);
 void bind_profile(nb::module_& module);
 void bind_table(nb::module_& module);
+void bind_board(nb::module_& module);
 
 }  // namespace vbaa
