@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <type_traits>
 
@@ -78,14 +79,14 @@ std::array<Level, 256> saturating(const Level* flat, const PathTable& paths) {
     return found;
 }
 
-// Means of blocks of two by two numbers of two rows.
-template <class Sum, class T>
-void halve(const T* one, const T* other, int count, float* __restrict to) {
-    for (int i = 0; i < count; ++i) {
-        const Sum left = static_cast<Sum>(static_cast<Sum>(one[2 * i]) + static_cast<Sum>(other[2 * i]));
-        const Sum right = static_cast<Sum>(static_cast<Sum>(one[2 * i + 1]) + static_cast<Sum>(other[2 * i + 1]));
-        to[i] = 0.25F * static_cast<float>(static_cast<Sum>(left + right));
-    }
+// Rounded means of blocks of two by two numbers of two rows.
+void halve(const Level* one, const Level* other, int count, Level* __restrict to) {
+    const auto both = [](const Level* row, int i) {  // two neighbours as one number of twice the bits
+        std::uint16_t pair;
+        std::memcpy(&pair, row + 2 * i, sizeof(pair));
+        return static_cast<std::uint16_t>((pair & 0xffU) + (pair >> 8U));
+    };
+    for (int i = 0; i < count; ++i) to[i] = static_cast<Level>((both(one, i) + both(other, i) + 2U) >> 2U);
 }
 
 using Span = std::array<int, 2>;  // columns, from the first to before the last
@@ -95,16 +96,16 @@ struct Reduced {
     const PathTable& paths;
     int height, width, room, stride;
     std::vector<Span> needed;  // (height,)
-    Array<float, 3> means;     // (channels, height, width)
+    Array<Level, 3> levels;    // (channels, height + 2 · room + 1, stride), beyond the border as at the border
 
-    explicit Reduced(const PathTable& table, int channels)
+    Reduced(const PathTable& table, int channels)
         : paths(table),
           height(table.height),
           width(table.width),
           room(std::max(table.reach, table.pool)),
           stride(width + 2 * room + WHOLE),
           needed(height, Span{width, 0}),
-          means(Unset{}, channels, height, width) {
+          levels(Unset{}, channels, height + 2 * room + 1, stride) {
         const int pool = paths.pool, margin = paths.reach + pool - 1;
         for (int k = 0; k < paths.spans.shape[0]; ++k) {
             const int row = k % paths.rows(), left = paths.spans(k, 0), right = paths.spans(k, 1);
@@ -116,67 +117,72 @@ struct Reduced {
         }
     }
 
-    // Means of blocks of pixels.
+    // Means of blocks of pixels; depths other than 8 bits are stretched to the full range.
     template <class T>
     void reduce(Levels<T> picture) {
-        using Sum = std::conditional_t<std::is_same_v<T, std::uint8_t>, std::uint16_t, float>;
+        constexpr bool small = sizeof(T) == 1;
+        using Sum = std::conditional_t<small, std::uint16_t, float>;
         const int channels = picture.shape[2];
         const int down = std::min(paths.factor, picture.shape[0]), right = std::min(paths.factor, picture.shape[1]);
         const float share = 1.0F / static_cast<float>(down * right);
         Array<Sum, 1> sums(Unset{}, picture.shape[1] * channels);
+        Array<float, 3> means(Unset{}, small ? 0 : levels.shape[0], height, width);
+        std::vector<float> least(levels.shape[0], std::numeric_limits<float>::infinity()),
+            most(least.size(), -least[0]);
         for (int v = 0; v < height; ++v) {
-            const int first = needed[v][0], last = needed[v][1];
+            const auto [first, last] = needed[v];
             const int all = (last - first) * right * channels;
             if (all <= 0) continue;
-            const auto from = [&](int r) { return &picture(v * down + r, first * right, 0); };
-            if (down == 2 && right == 2 && channels == 1) {
-                halve<Sum>(from(0), from(1), last - first, &means(0, v, first));
-                continue;
-            }
+            const auto from = [&, left = first](int r) { return &picture(v * down + r, left * right, 0); };
+            if constexpr (small)
+                if (down == 2 && right == 2 && channels == 1) {
+                    halve(from(0), from(1), last - first, &levels(0, room + v, room + first));
+                    continue;
+                }
             Sum* const __restrict sum = sums.begin();
             std::copy_n(from(0), all, sum);
             for (int r = 1; r < down; ++r)
                 for (int i = 0; i < all; ++i) sum[i] = static_cast<Sum>(sum[i] + static_cast<Sum>(from(r)[i]));
-            for (int c = 0; c < means.shape[0]; ++c)
-                for (int i = 0; i < last - first; ++i) {
+            for (int c = 0; c < levels.shape[0]; ++c)
+                for (int u = first; u < last; ++u) {
                     Sum whole = {};
                     for (int k = 0; k < right; ++k)
-                        whole = static_cast<Sum>(whole + sum[(i * right + k) * channels + c]);
-                    means(c, v, first + i) = share * static_cast<float>(whole);
+                        whole = static_cast<Sum>(whole + sum[((u - first) * right + k) * channels + c]);
+                    const float mean = share * static_cast<float>(whole);
+                    if constexpr (small)
+                        levels(c, room + v, room + u) = static_cast<Level>(mean + 0.5F);
+                    else {
+                        means(c, v, u) = mean;
+                        least[c] = std::min(least[c], mean), most[c] = std::max(most[c], mean);
+                    }
                 }
         }
-    }
-
-    // A channel as levels of 8 bits, (height + 2 · room, stride), beyond the border as at the border; other depths than
-    // 8 bits are stretched to the full range.
-    Array<Level, 2> levels(int channel, bool stretched) const {
-        float low = 0.0F, scale = 1.0F;
-        if (stretched) {
-            float least = std::numeric_limits<float>::infinity(), most = -least;
+        for (int c = 0; c < means.shape[0]; ++c)
             for (int v = 0; v < height; ++v)
                 for (int u = needed[v][0]; u < needed[v][1]; ++u) {
-                    least = std::min(least, means(channel, v, u));
-                    most = std::max(most, means(channel, v, u));
+                    const float scale = 255.0F / std::max(most[c] - least[c], 1e-6F);
+                    const float level = (means(c, v, u) - least[c]) * scale + 0.5F;
+                    levels(c, room + v, room + u) = static_cast<Level>(std::min(std::max(0.0F, level), 255.0F));
                 }
-            low = least, scale = 255.0F / std::max(most - least, 1e-6F);
-        }
-        Array<Level, 2> found(Unset{}, height + 2 * room + 1, stride);
-        for (int r = 0; r < height + 2 * room; ++r) {
-            const int v = std::clamp(r - room, 0, height - 1);
+        for (int c = 0; c < levels.shape[0]; ++c) extend(c);
+    }
+
+    // Continues a channel's levels beyond the border.
+    void extend(int channel) {
+        for (int v = 0; v < height; ++v) {
             const auto [first, last] = needed[v];
-            if (first >= last) continue;
-            const float* const own = &means(channel, v, 0);
-            Level* const __restrict to = &found(r, room);
-            for (int u = first; u < last; ++u)
-                to[u] = static_cast<Level>(std::min(std::max(0.0F, (own[u] - low) * scale + 0.5F), 255.0F));
-            if (first == 0) std::fill_n(to - room, room, to[0]);
-            if (last == width) std::fill_n(to + width, room, to[width - 1]);
+            Level* const to = &levels(channel, room + v, room);
+            if (first < last && first == 0) std::fill_n(to - room, room, to[0]);
+            if (first < last && last == width) std::fill_n(to + width, room, to[width - 1]);
         }
-        return found;
+        for (int r = 0; r < room; ++r) {
+            std::copy_n(&levels(channel, room, 0), stride, &levels(channel, r, 0));
+            std::copy_n(&levels(channel, room + height - 1, 0), stride, &levels(channel, room + height + r, 0));
+        }
     }
 
     // Raises flat responses (directions, rows, columns) to those of levels.
-    void respond_to(const Array<Level, 2>& level, Level* flat) const {
+    void respond_to(View<const Level, 2> level, Level* flat) const {
         const int pool = paths.pool, rows = paths.rows(), columns = paths.columns();
         const int diagonal = static_cast<int>(std::ceil(paths.reach / std::sqrt(2.0)));
         std::vector<Level> pooled(stride + WHOLE), high(stride + WHOLE);
@@ -361,11 +367,10 @@ Array<double, 1> path_scores(const Picture& picture, const PathTable& paths, boo
     Array<Level, 1> flat(cells + 1);
     std::visit(
         [&](auto picture_levels) {
-            using T = std::remove_const_t<std::remove_pointer_t<decltype(picture_levels.data)>>;
             Reduced reduced(paths, picture_levels.shape[2] >= 3 ? 3 : 1);
             reduced.reduce(picture_levels);
-            for (int c = 0; c < reduced.means.shape[0]; ++c) {
-                Array<Level, 2> level = reduced.levels(c, !std::is_same_v<T, std::uint8_t>);
+            for (int c = 0; c < reduced.levels.shape[0]; ++c) {
+                const View<Level, 2> level = reduced.levels.row(c);
                 if (brighter) reduced.respond_to(level, flat.begin());
                 if (!darker) continue;
                 for (Level& each : level) each = static_cast<Level>(~each);
