@@ -75,17 +75,20 @@ def bend(frames: Frames, rung: str, unknowns: np.ndarray, steps: np.ndarray | No
 
 
 def rigs_of(rig_arrays: RigArrays, all_axes: bool = False) -> tuple[Any, ...]:
-    """The core's rigs for usual frames (`solve`), for all, and without errors."""
-    usual = rig_arrays if all_axes else _with_usual_axes(rig_arrays)
-    return usual.core, rig_arrays.core, rig_arrays.exact.core
+    """The core's rigs for usual frames (`solve`), for all, for rough minima, and without errors."""
+    usual, every, rough = _by_information(rig_arrays)
+    return (every if all_axes else usual).core, every.core, rough.core, rig_arrays.exact.core
 
 
 @lru_cache(maxsize=8)
-def _with_usual_axes(rig_arrays: RigArrays, unseen: float = 0.05) -> RigArrays:
-    """The rig with its errors in fewer axes: only those that frames of an antenna as large as the picture, with a
-    point a pixel, can distinguish from zero.
+def _by_information(
+    rig_arrays: RigArrays, unseen: float = 0.05, rough: float = 50.0
+) -> tuple[RigArrays, RigArrays, RigArrays]:
+    """The rig with its errors in fewer axes, with all, and with few. The axes are in the order of what frames of an
+    antenna as large as the picture, with a point a pixel, know about them.
 
-    unseen : information about a step of unit deviation, at most, along the axes that are left out.
+    unseen, rough : information about a step of unit deviation, at most, along the axes that are left out: they cannot
+        be distinguished from zero, or hardly move a rough minimum.
     """
     shared, others = rig_arrays.axes.shape[1], UNKNOWNS + rig_arrays.line.size
 
@@ -94,16 +97,25 @@ def _with_usual_axes(rig_arrays: RigArrays, unseen: float = 0.05) -> RigArrays:
         return int(-(-(others + axes) // core.solver.LANES) * core.solver.LANES)
 
     if columns(shared) == columns(0):
-        return rig_arrays
+        return rig_arrays, rig_arrays, rig_arrays
     frames, unknowns = _typical(rig_arrays)
     found = _information_of_axes(linearised(frames, RUNGS[-1], unknowns), shared)
     axes = np.linalg.eigh(found.mean(axis=0))[1][:, ::-1]
     most = np.einsum("bij,ik,jk->bk", found, axes, axes, optimize=True).max(axis=0)
-    needed = max(np.flatnonzero(most > unseen).tolist(), default=-1) + 1
-    if columns(needed) == columns(shared):
-        return rig_arrays
-    axes = np.ascontiguousarray(rig_arrays.axes @ axes[:, : columns(needed) - others])
-    return replace(rig_arrays, axes=axes, most_information=float((1.0 / frames.covariance[0, :, 0]).sum()))
+
+    def with_axes(least: float) -> RigArrays:
+        needed = max(np.flatnonzero(most > least).tolist(), default=-1) + 1
+        kept = min(columns(needed) - others, shared)
+        return replace(rig_arrays, axes=np.ascontiguousarray(rig_arrays.axes @ axes[:, :kept]))
+
+    usual, every, few = with_axes(unseen), with_axes(-np.inf), with_axes(rough)
+    if usual.steps < every.steps:
+        usual = replace(usual, most_information=float((1.0 / frames.covariance[0, :, 0]).sum()))
+    elif rig_arrays.rig.others:  # its axes are in the order of the cameras
+        return rig_arrays, rig_arrays, rig_arrays
+    else:
+        usual = every
+    return usual, every, few
 
 
 def _information_of_axes(there: LinearisedFrames, shared: int) -> np.ndarray:

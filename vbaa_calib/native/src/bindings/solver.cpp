@@ -246,15 +246,19 @@ solver::Pixels pixels_of(const Rig& rig, const nb::tuple& measured) {
     return pixels;
 }
 
-// The rigs for usual frames, for all frames, and without uncertainty.
+// The rigs for usual frames, for all frames, for rough minima, and without uncertainty.
 solver::Rigs rigs_of(const nb::tuple& rigs_) {
-    require(rigs_.size() == 3, "rigs must be three");
+    require(rigs_.size() == 4, "rigs must be four");
     const auto rig = [&](int index) -> const Rig& { return nb::cast<const Rig&>(rigs_[index]); };
-    const solver::Rigs rigs = {rig(0), rig(1), rig(2)};
+    const solver::Rigs rigs = {rig(0), rig(1), rig(2), rig(3)};
     const auto alike = [&](const Rig& other) {
         return other.cameras.size() == rigs.usual.cameras.size() && other.readings == rigs.usual.readings;
     };
-    require(alike(rigs.complete) && alike(rigs.exact), "rigs differ in more than their axes");
+    require(alike(rigs.complete) && alike(rigs.rough) && alike(rigs.exact), "rigs differ in more than their axes");
+    const int few = rigs.rough.shared;
+    require(few <= rigs.usual.shared && few <= rigs.complete.shared && rigs.rough.lines() == rigs.usual.lines() &&
+                rigs.rough.lines() == rigs.complete.lines(),
+            "the rough rig has more axes than the others");
     return rigs;
 }
 

@@ -59,10 +59,10 @@ double along_sight(const Rig& rig, const Frame& frame, const Unknowns& unknowns)
     return unknowns[1] * to_camera[0] + unknowns[2] * to_camera[1];
 }
 
-bool rough_minimum(const Rig& rig, const Few& few, const Unknowns& start, bool with_feet, Fit& rough) {
+bool rough_minimum(const Task& few, const Unknowns& start, bool with_feet, Fit& rough) {
     few.work.most = few.work.evaluations + MOST_EVALUATIONS;
     rough.unknowns = start;
-    coarse_minimum({rig, few.frame, few.rung, few.work}, rough, with_feet, 1.0, COARSE_ITERATIONS);
+    coarse_minimum(few, rough, with_feet, 1.0, COARSE_ITERATIONS);
     return rough.cost == rough.cost;
 }
 
@@ -207,7 +207,7 @@ bool mirror_ambiguous(const Rig& rig, const Frame& frame, const Fit& fit, const 
     return looks_alike(rig, frame, fit, found, 2.0 * along_sight(rig, frame, fit.unknowns));
 }
 
-void try_mirrors(const Task& task, const Few& few, const Uncertainty& found, Fit& best, Alternative& other) {
+void try_mirrors(const Task& task, const Task& few, const Uncertainty& found, Fit& best, Alternative& other) {
     const Rig& rig = task.rig;
     Fit& rough = few.work.other;
     const Unknowns unknowns = best.unknowns;
@@ -222,7 +222,7 @@ void try_mirrors(const Task& task, const Few& few, const Uncertainty& found, Fit
         Unknowns start = unknowns;
         for (int axis = 0; axis < 2; ++axis) start[1 + axis] += part * to_camera[axis];
         if (!different(best.unknowns, start)) continue;
-        const bool known = rough_minimum(rig, few, start, false, rough);
+        const bool known = rough_minimum(few, start, false, rough);
         if (known && !different(best.unknowns, rough.unknowns)) continue;
         try_start(task, known ? rough.unknowns : start, known ? &rough : nullptr, best, other);
     }

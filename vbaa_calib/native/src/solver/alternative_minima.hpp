@@ -11,15 +11,9 @@ struct Alternative {
     double cost;
 };
 
-// A few of a frame's points, on which rough minima are searched, and the rung for that.
-struct Few {
-    const Frame& frame;
-    Work& work;
-    int rung;
-};
-
-// The rough minimum reached from unknowns, with feet near the right ones if known; false without one.
-bool rough_minimum(const Rig& rig, const Few& few, const Unknowns& start, bool with_feet, Fit& rough);
+// The rough minimum reached from unknowns by a few of the points, with feet near the right ones if known; false without
+// one.
+bool rough_minimum(const Task& few, const Unknowns& start, bool with_feet, Fit& rough);
 
 // Fits a frame from another start, and from a rough fit if that is there: the better fit is kept, the next best
 // remembered if it is different.
@@ -64,6 +58,6 @@ bool mirror_ambiguous(const Rig& rig, const Frame& frame, const Fit& fit, const 
 
 // Fits from contacts that may look like the best one, of this uncertainty: the mirror image, the least force that the
 // picture asks for, and forces that bend the antenna far before and behind the mirror.
-void try_mirrors(const Task& task, const Few& few, const Uncertainty& found, Fit& best, Alternative& other);
+void try_mirrors(const Task& task, const Task& few, const Uncertainty& found, Fit& best, Alternative& other);
 
 }  // namespace vbaa::solver

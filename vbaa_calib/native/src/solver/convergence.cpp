@@ -14,8 +14,8 @@ namespace {
 
 constexpr int ITERATIONS = 40;
 // A step with a smaller predicted decrease of the cost is the last one, and taken undamped: a twentieth of a standard
-// deviation, or three.
-constexpr double TOLERANCE = 1e-3, COARSE_TOLERANCE = 4.0;
+// deviation, or eight.
+constexpr double TOLERANCE = 1e-3, COARSE_TOLERANCE = 30.0;
 // Change of the distance or the tip's deflection, in antenna lengths, after which the rig's derivatives are renewed.
 constexpr double FAR = 0.005;
 // A smaller rise of the cost counts as none: it is not known better while the feet are not yet the nearest.
@@ -50,7 +50,11 @@ void begin(const Task& task, const Fit* rough, Fit& fit, bool with_feet, double 
     fit.converged = fit.at_tip = false;
     fit.to_tip = {};
     if (rough != nullptr) {
-        fit.steps = rough->steps;
+        // the rough rig has the first of the axes
+        const int lines = rig.lines(), axes = rough->steps.size() - lines;
+        fill(fit.steps.view(), 0.0);
+        std::copy_n(rough->steps.begin(), axes, fit.steps.begin());
+        std::copy_n(rough->steps.begin() + axes, lines, fit.steps.begin() + rig.shared);
     } else {
         fill(fit.steps.view(), 0.0);
     }

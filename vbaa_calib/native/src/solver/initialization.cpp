@@ -23,12 +23,12 @@ constexpr int REST = 2 * GRID;  // the column of `crossed` with the residuals
 
 double grid_distance(int g) { return NEAREST + (1.0 - NEAREST) * g / (GRID - 1); }
 
-// Weighted sums of every n-th point over the nodes, into the fit's.
-void weighted_sums(Fit& free, int every, const Array<double, 1>& weights) {
+// Weighted sums of the points over the nodes, into the fit's.
+void weighted_sums(Fit& free, const Array<double, 1>& weights) {
     for (Array<double, 1>* each : {&free.diagonal, &free.off_diagonal, &free.pull}) fill(each->view(), 0.0);
-    for (int k = 0, i = 0; k < weights.size(); ++k, i += every) {
+    for (int i = 0; i < weights.size(); ++i) {
         const int node = free.node[i];
-        const double share = free.share[i], weight = weights[k];
+        const double share = free.share[i], weight = weights[i];
         const double first = weight * share, second = first * share, pull = weight * free.distance[i];
         free.diagonal[node] += weight - 2.0 * first + second;
         free.diagonal[node + 1] += second;
@@ -158,19 +158,26 @@ void every_force(const Rig& rig, const Fit& free, Grid& grid) {
     }
 }
 
-// The rig's likeliest steps at the best distance and force.
-void rig_steps(Grid& grid, int best, ConstMatrix factor, ConstVector scale) {
-    const int count = grid.best_steps.size();
+// Displacement by the force at the best distance and the rig's likeliest steps there.
+void displace(const Rig& rig, const Fit& free, int best, Work& work, Grid& grid) {
+    const auto& force = grid.force[best];
+    const int count = free.steps.size();
+    double* steps = work.step.begin();
     for (int k = 0; k < count; ++k) {
         const double* row = &grid.crossed(k, 0);
-        grid.best_steps[k] = row[REST] - grid.force[best][0] * row[best] - grid.force[best][1] * row[GRID + best];
+        steps[k] = row[REST] - force[0] * row[best] - force[1] * row[GRID + best];
     }
-    solve_upper(factor, scale, count, grid.best_steps.begin());
+    solve_upper(work.factor, work.scale, count, steps);
+    shift_by_steps(free, UNKNOWNS, steps, count, grid.shift);
+    for (int j = 0; j < free.nodes; ++j) {
+        grid.shift[j] +=
+            (force[0] * grid.image(0, j) + force[1] * grid.image(1, j)) * rig.unit_deflection(j % NODES, best);
+    }
 }
 
-// Best forces, the cost that each explains, the rig's steps at the best. Returns the best distance's index.
-int best_forces(const Rig& rig, Fit& free, int every, Grid& grid, Work& work) {
-    weighted_sums(free, every, grid.weight);
+// Best forces, the cost that each explains, and the displacement by the best.
+void best_forces(const Rig& rig, Fit& free, Grid& grid, Work& work) {
+    weighted_sums(free, grid.weight);
     // the unknowns' own columns, which are not used, come along
     information_of_points(rig, free, work.product);
     const int size = free.size;
@@ -196,8 +203,7 @@ int best_forces(const Rig& rig, Fit& free, int every, Grid& grid, Work& work) {
     for (int g = 0; g < GRID; ++g) {
         if (grid.gain[g] > grid.gain[best] || std::isnan(grid.gain[best])) best = g;
     }
-    rig_steps(grid, best, work.factor, work.scale);
-    return best;
+    displace(rig, free, best, work, grid);
 }
 
 }  // namespace
@@ -239,13 +245,32 @@ void free_antenna(const Rig& rig, const Frame& frame, Fit& fit, Work& work) {
     std::copy_n(fit.predicted_residual, READINGS, fit.residual);
 }
 
+void few_of_free(const Task& few, const Thinned& some, const Fit& free, Fit& fit) {
+    const int lines = few.rig.lines(), axes = fit.steps.size() - lines;
+    const auto copy = [&](ConstMatrix from, Matrix to) {
+        for (int row = 0; row < to.shape[0]; ++row) {
+            std::copy_n(from.row(row).data, UNKNOWNS + axes, to.row(row).data);
+            std::copy_n(from.row(row).data + free.size - lines, lines, to.row(row).data + UNKNOWNS + axes);
+        }
+    };
+    copy(free.columns, fit.columns);
+    copy(free.reading_columns, fit.reading_columns);
+    fit.unknowns = free.unknowns, fit.contact_m = free.contact_m, fit.scatter = 1.0;
+    fit.u = free.u, fit.v = free.v, fit.depth = free.depth;
+    fit.normal_u = free.normal_u, fit.normal_v = free.normal_v, fit.cubics = free.cubics;
+    fill(fit.steps.view(), 0.0);
+    std::copy_n(free.residual, READINGS, fit.residual);
+    for (int i = 0; i < fit.points; ++i) fit.foot_m[i] = free.foot_m[some.middle(i, free.points)];
+    point_residuals(few.rig, few.frame, fit);
+}
+
 // For small deflections the picture is linear in the force once the distance is known, so force and rig are profiled
 // out. A force along y or z displaces the picture by one shape for all frames times `point_jacobian` of each frame, so
 // that sums over nodes are matrix products with shapes.
-Grid grid_search(const Rig& rig, const Frame& frame, Fit& free, int every, Work& work) {
+Grid grid_search(const Rig& rig, const Frame& frame, Fit& free, double share, Work& work) {
     Grid grid;
-    const int count = (free.points + every - 1) / every;
-    grid.best_steps = Array<double, 1>(free.steps.size());
+    const int count = free.points;
+    grid.shift = Array<double, 1>(Unset{}, free.nodes);
     grid.weight = Array<double, 1>(Unset{}, count);
     grid.crossed = Array<double, 2>(Unset{}, free.steps.size(), REST + LANES);
     grid.image = point_jacobian(rig, free);
@@ -264,22 +289,15 @@ Grid grid_search(const Rig& rig, const Frame& frame, Fit& free, int every, Work&
             }
         }
     }
-    for (int k = 0; k < count; ++k) grid.weight[k] = free.precision[k * every];
+    for (int i = 0; i < count; ++i) grid.weight[i] = share * free.precision[i];
     for (int round = 0; round < ROUNDS; ++round) {
-        const int best = best_forces(rig, free, every, grid, work);
-        // displacement by the best force and the rig's steps that go with it
-        shift_by_steps(free, UNKNOWNS, grid.best_steps.begin(), grid.best_steps.size(), work.shift);
-        for (int j = 0; j < free.nodes; ++j) {
-            const auto& force = grid.force[best];
-            work.shift[j] +=
-                (force[0] * grid.image(0, j) + force[1] * grid.image(1, j)) * rig.unit_deflection(j % NODES, best);
-        }
+        best_forces(rig, free, grid, work);
         double whole = 0.0, left = 0.0;
-        for (int k = 0, i = 0; k < count; ++k, i += every) {
-            const double *shift = work.shift.begin() + free.node[i], precision = free.precision[i];
+        for (int i = 0; i < count; ++i) {
+            const double *shift = grid.shift.begin() + free.node[i], precision = share * free.precision[i];
             const double off = free.distance[i] - shift[0] - free.share[i] * (shift[1] - shift[0]);
-            grid.weight[k] = precision * huber_weight(off * std::sqrt(precision));
-            whole += precision, left += grid.weight[k];
+            grid.weight[i] = precision * huber_weight(off * std::sqrt(precision));
+            whole += precision, left += grid.weight[i];
         }
         constexpr double enough = 0.99;  // of their weight is left: another round would change nothing
         if (left > enough * whole) break;

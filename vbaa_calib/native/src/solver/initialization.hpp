@@ -1,7 +1,7 @@
 // Where to begin: for each distance on a grid, the best force and the cost it explains, for small deflections.
 #pragma once
 
-#include "solver/structs.hpp"
+#include "solver/frames.hpp"
 
 namespace vbaa::solver {
 
@@ -14,8 +14,12 @@ void free_antenna(const Rig& rig, const Frame& frame, Fit& fit, Work& work);
 // Deflections (NODES, GRID) of the free antenna's nodes by unit forces at all distances of the grid.
 Array<double, 2> unit_deflections(const antenna::Taper& taper);
 
-// The best force at each distance of the grid, from every n-th of the points' residuals from the free antenna.
-Grid grid_search(const Rig& rig, const Frame& frame, Fit& free, int every, Work& work);
+// The free antenna to a few of the points, on a rig with the first of the axes, from that to all of them.
+void few_of_free(const Task& few, const Thinned& some, const Fit& free, Fit& fit);
+
+// The best force at each distance of the grid, from the points' residuals from the free antenna; they count by a share
+// of their precision.
+Grid grid_search(const Rig& rig, const Frame& frame, Fit& free, double share, Work& work);
 
 // The largest decrease of the cost by any force of the grid.
 double largest_gain(const Grid& grid);

@@ -32,7 +32,7 @@ struct Search {
     const Frame& frame;
     Thinned some;  // of its points
     Work& work;
-    Few few;
+    Task few;  // the same with these, on the rough rig, for rough minima
     Grid grid;
     Starts starts;
     StartCosts costs;
@@ -52,7 +52,7 @@ void coarse_minima(Search& search) {
         for (int i = 0; i < fit.points; ++i) {
             fit.foot_m[i] = search.work.free.foot_m[search.some.middle(i, search.frame.count)];
         }
-        if (rough_minimum(search.rig, search.few, start, true, fit)) search.costs[k] = fit.cost;
+        if (rough_minimum(search.few, start, true, fit)) search.costs[k] = fit.cost;
         search.starts[k] = fit.unknowns;
     }
     for (int a = 0; a < STARTS - 1; ++a) {
@@ -97,22 +97,19 @@ class Room {
 
 // Rough minima on a rung, and the free antenna. `warm`, unknowns near the truth where finite, may take their place.
 // Without `always` a frame that may be free keeps the starts.
-Search begun(const Task& task, const Rig& exact, const Unknowns& warm, bool always, Room& room) {
+Search begun(const Task& task, const Rigs& rigs, const Unknowns& warm, bool always, Room& room) {
     const auto& [rig, frame, rung, work] = task;
     free_antenna(rig, frame, work.free, work);
     Thinned some = thinned(frame, COARSE_POINTS);
-    Grid grid = grid_search(rig, frame, work.free, some.every, work);
-    Work& rough = room.of(rig, some.frame.count);
-    Search search = {rig,
-                     exact,
-                     frame,
-                     std::move(some),
-                     work,
-                     {search.some.frame, rough, rung},
-                     std::move(grid),
-                     {},
-                     {},
-                     {&rough.best, &rough.found}};
+    Work& rough = room.of(rigs.rough, some.frame.count);
+    Search search = {rig,   rigs.exact,
+                     frame, std::move(some),
+                     work,  {rigs.rough, search.some.frame, rung, rough},
+                     {},    {},
+                     {},    {&rough.best, &rough.found}};
+    few_of_free(search.few, search.some, work.free, rough.free);
+    // as of single points: the linear beam does not fit better than they
+    search.grid = grid_search(rigs.rough, search.some.frame, rough.free, 1.0 / search.some.every, rough);
     lowest_of_grid(rig, search.grid, search.starts, search.costs);
     if (always || largest_gain(search.grid) > FAINT) {
         warm_start(search.grid, warm, search.starts, search.costs);
@@ -131,7 +128,7 @@ double left_over(const Search& search, Unknowns& nearest) {
     nearest = search.starts[0];
     double left = beyond_reach(rig, search.some.frame);
     if (!(left > error.far)) {
-        left = most_distance(rig, search.frame, free, every, search.work.shift);
+        left = most_distance(rig, search.frame, free, every, search.grid.shift);
         if (left > error.far) {
             left = nearest_shape(search.exact, search.some.frame, search.grid, search.starts[0], error, nearest);
         }
@@ -257,12 +254,12 @@ void judge_rungs(const Search& search, int model, const Fit& problem, const Unce
 }
 
 // One frame on a rung, by default on the highest: then also which one would have been good enough.
-void solve_frame(const Task& asked, const Rig& exact, const Unknowns& warm, const Demand& demand, Numbers& numbers,
+void solve_frame(const Task& asked, const Rigs& rigs, const Unknowns& warm, const Demand& demand, Numbers& numbers,
                  Room& room) {
     const auto& [rig, frame, model, work] = asked;
     const int rung = model == AUTO ? REFERENCE : model;
     const Task task = {rig, frame, rung, work};
-    const Search search = begun({rig, frame, std::min<int>(rung, ELASTICA), work}, exact, warm, false, room);
+    const Search search = begun({rig, frame, std::min<int>(rung, ELASTICA), work}, rigs, warm, false, room);
     Uncertainty found(rig.steps());
     Findings findings;
     findings.rung = findings.needed = rung;
@@ -309,7 +306,7 @@ void solve_frames(const Rigs& rigs, const Measured& frames, const Demand& demand
         work.evaluations = work.most = 0;
         begin_search(work);
         if (warm.size()) std::copy_n(warm.row(index).data, UNKNOWNS, start.begin());
-        solve_frame({rig, frame, demand.rung, work}, rigs.exact, start, demand, numbers[index], few);
+        solve_frame({rig, frame, demand.rung, work}, rigs, start, demand, numbers[index], few);
     }
 }
 
@@ -323,7 +320,7 @@ void rough_frames(const Rig& rig, const Frames& frames, Matrix unknowns, Cube po
         const Frame frame = frame_of(rig, frames, index);
         Work work(rig, frame.count);
         Room few;
-        const Search search = begun({rig, frame, LINEAR, work}, rig, warm, true, few);
+        const Search search = begun({rig, frame, LINEAR, work}, {rig, rig, rig, rig}, warm, true, few);
         work.best.unknowns = search.starts[0];
         std::copy_n(search.starts[0].begin(), UNKNOWNS, unknowns.row(index).data);
         predict(rig, frame, LINEAR, work.bent, work.best, false);

@@ -9,10 +9,10 @@ namespace vbaa::solver {
 // The highest rung's answer, and with it the lowest rung that would have been good enough.
 constexpr int AUTO = -1;
 
-// The rig in three forms: with the axes that matter in frames of usual information, with all axes, and as exactly
-// known.
+// The rig in four forms: with the axes that matter in frames of usual information, with all axes, with the first few
+// of them, for rough minima, and as exactly known.
 struct Rigs {
-    const Rig &usual, &complete, &exact;
+    const Rig &usual, &complete, &rough, &exact;
 };
 
 // What is asked for: frames from `begin` to `end`, on a rung or AUTO. warm: (B, 4) unknowns near the truth where

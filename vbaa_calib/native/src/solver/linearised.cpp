@@ -51,7 +51,7 @@ void free_frames(const Rig& rig, const Frames& frames, ConstMatrix steps, double
         Work work(rig, frame.count);
         Fit& fit = work.best;
         free_antenna(rig, frame, fit, work);
-        found.gain[index] = largest_gain(grid_search(rig, frame, fit, 1, work));
+        found.gain[index] = largest_gain(grid_search(rig, frame, fit, 1.0, work));
         double variance = 1.0;
         double* end = fit.reading_columns.row(END).data;
         for (int k = UNKNOWNS; k < fit.size; ++k) variance += end[k] * end[k];

@@ -291,7 +291,7 @@ struct Grid {
     double more[2][READINGS][GRID];  // of a wrench sensor's readings to both, which then are not in `moment`
     double force[GRID][2];           // the best ones
     double gain[GRID];               // decrease of the cost by each
-    Array<double, 1> best_steps;     // (R + L,) of the rig, at the best force
+    Array<double, 1> shift;          // (M,) displacement by the best force and the rig's steps at it
     Array<double, 1> weight;         // (N,) of the points
     Array<double, 2> crossed;        // (R + L, 2 G + LANES) what rig steps and unit forces have in common
 };
