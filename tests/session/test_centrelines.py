@@ -144,14 +144,6 @@ def whisk(path: Path, with_labels: bool = True) -> None:
         path.with_suffix(".measurements").write_bytes(b"measv3\0\0" + struct.pack("<2i", 4, 8) + rows)
 
 
-def whisk_text(path: Path) -> None:
-    """whisk1: a head, and frame, id, frame, n and x, y, thickness, score of each point."""
-    lines = ["whisker1 (frame,id,time,n,x1,y1,thick1,score1...,xn,yn,thickn,scoren)"]
-    for frame, points in POINTS.items():
-        lines.append(f"{frame},0,{frame},{len(points)}" + "".join(f",{x:g},{y:g},1.5,9" for x, y in points))
-    path.write_text("\n".join(lines) + "\n")
-
-
 def whiskiwrap(path: Path, labels: tuple[int, ...] = (0xFFFF, 0)) -> None:
     """WhiskiWrap's HDF5: a row and two lists of pixels for each whisker, of two in a frame."""
     h5py = pytest.importorskip("h5py")
@@ -202,7 +194,6 @@ FILES: list[tuple[str, str, Callable[[Path], None]]] = [
     ("WhiskerToolbox, a file a frame", "lines", whisker_toolbox_folder),
     ("whisk's measurements", "a.measurements", whisk),
     ("whisk's traces", "a.whiskers", whisk),
-    ("whisk's text", "a.whiskers", whisk_text),
     ("WhiskiWrap's HDF5", "a.hdf5", whiskiwrap),
     ("ndx-whisk's table and traces", "a.nwb", ndx_whisk),
 ]

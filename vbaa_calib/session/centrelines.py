@@ -509,83 +509,36 @@ def _labelled(
     else:
         named = [(str(whisker), frame, points) for whisker, frame, points in lines]
         more = f" by whisk's own number in each frame{': its labels tell no lines apart' if labels else ''}"
-    if path.suffix == ".whiskers" and read_bytes(path)[:10] == b"bwhiskpoly":
-        more += "; whiskpoly1 stores parabolas: bends are lost that whiskbin1 has"
     return _picked(named, more)
 
 
 def _traces(path: Path) -> list[tuple[int, int, np.ndarray]]:
-    """Traces (whisker, frame, (n, 2) px) in a .whiskers file of any of whisk's four formats (whisker_io_*.c)."""
-    data = read_bytes(path)
-    for head, record in ((b"bwhiskbin1\0\0", _binary_trace), (b"bwhiskpoly1\0\0", _polynomial_trace)):
-        if data.startswith(head):
-            lines, at = [], len(head)
-            while at + 12 <= len(data):
-                whisker, frame, count = struct.unpack_from("<3i", data, at)
-                if min(whisker, frame, count) < 0 or count > len(data):
-                    raise _torn(path)
-                try:
-                    points, at = record(data, at + 12, count)
-                except (struct.error, ValueError):
-                    raise _torn(path) from None
-                lines.append((whisker, frame, points))
-            if data[at:] != struct.pack("<i", len(lines)):  # their number stands at the end
-                raise _torn(path)
-            return lines
-    return _written_traces(path)
-
-
-def _written_traces(path: Path) -> list[tuple[int, int, np.ndarray]]:
-    """Traces in a text file: per row frame, whisker, frame, number of points and four values of each, below a head
-    that says so (whisk1); or frame, whisker, first and last column, and the row in each (whiskold)."""
-    lines: list[tuple[int, int, np.ndarray]] = []
-    headed = False
-    for line, cells in _rows(path):
-        if line == 1 and cells[:1] and cells[0].startswith("whisker1"):
-            headed = True
-        elif cells:
-            values = _floats(cells, path, line) if headed or lines or len(cells) > 4 else [math.nan] * 4
-            frame, whisker, first, last = (*values, *[math.nan] * 4)[:4]
-            rest, count = np.array(values[4:]), 4 * last if headed else last - first + 1
-            if not (min(frame, whisker) >= 0 and len(rest) == count):
-                remedy = "convert it again: whisker_convert … whiskbin1"
-                raise InputError("is no trace of whisk, or truncated", where=f"{path} line {line}", remedy=remedy)
-            points = rest.reshape(-1, 4)[:, :2] if headed else np.column_stack([first + np.arange(len(rest)), rest])
-            lines.append((int(whisker), int(frame), points))
+    """Traces (whisker, frame, (n, 2) px) in a .whiskers file as whisk writes it (whiskbin1, whisker_io_whiskbin.c):
+    of each all x, y, thickness and score, and at the end their number."""
+    head, data, lines = b"bwhiskbin1\0\0", read_bytes(path), list[tuple[int, int, np.ndarray]]()
+    if not data.startswith(head):
+        remedy = "convert it: whisker_convert OLD NEW whiskbin1"
+        raise InputError("is no .whiskers file of the kind whiskbin1", where=path, remedy=remedy)
+    at = len(head)
+    while at + 12 <= len(data):
+        whisker, frame, count = struct.unpack_from("<3i", data, at)
+        at, start = at + 12 + 16 * count, at + 12
+        if min(whisker, frame, count) < 0 or at > len(data):
+            break
+        lines.append((whisker, frame, np.frombuffer(data, "<f4", 2 * count, start).reshape(2, count).T.astype(float)))
+    if data[at:] != struct.pack("<i", len(lines)):
+        raise InputError("is truncated", where=path, remedy="trace again, or copy it again")
     return lines
 
 
-def _torn(path: Path) -> InputError:
-    return InputError("is truncated", where=path, remedy="trace again, or copy it again")
-
-
-def _binary_trace(data: bytes, at: int, count: int) -> tuple[np.ndarray, int]:
-    """Points (n, 2) of a trace stored as all x, y, thickness and score, and the position of the next trace."""
-    end = at + 16 * count
-    if end > len(data):
-        raise ValueError
-    return np.frombuffer(data, "<f4", 2 * count, at).reshape(2, count).T.astype(float), end
-
-
-def _polynomial_trace(data: bytes, at: int, count: int) -> tuple[np.ndarray, int]:
-    """Points (n, 2) of a trace stored as a score and second-degree polynomials of x and y over the relative length,
-    and the position of the next trace."""
-    values = np.array(struct.unpack_from("<f6d", data, at)[1:]).reshape(2, 3)
-    return np.linspace(0.0, 1.0, count)[:, None] ** np.arange(3) @ values.T, at + struct.calcsize("<f6d")
-
-
 def _labels(path: Path) -> dict[tuple[int, int], int]:
-    """(frame, whisker) → label, from a .measurements file (measurements_io_v1.c, _v2.c, _v3.c)."""
+    """(frame, whisker) → label, from a .measurements file (measurements_io_v3.c)."""
     data = read_bytes(path)
-    try:
-        # what the second version wrote depends on the machine
-        sizes = {b"measV1\0\0": (40,), b"measv2\0\0": (48, 44), b"measv3\0\0": (41,)}[data[:8]]
-        rows, columns = struct.unpack_from("<2i", data, 8)
-        size = next(size for size in sizes if 16 + rows * (size + 16 * columns) == len(data))
-        step = size + 16 * columns
-        heads = [struct.unpack_from("<4i", data, 16 + row * step) for row in range(rows)]
-    except (struct.error, KeyError, StopIteration):
-        raise InputError("is no table of whisk that is known here", where=path, remedy="measure again") from None
+    rows, columns = struct.unpack_from("<2i", data.ljust(16, b"\0"), 8)
+    size = 41 + 16 * columns
+    if not data.startswith(b"measv3\0\0") or min(rows, columns) < 0 or len(data) != 16 + rows * size:
+        raise InputError("is no table of whisk that is known here", where=path, remedy="measure again")
+    heads = [struct.unpack_from("<4i", data, 16 + row * size) for row in range(rows)]
     return {(frame, whisker): label for _, frame, whisker, label in heads}
 
 
