@@ -34,7 +34,7 @@ MOST = {
     "module constants": 771,
     "class names used twice": 0,
     "classes": 419,
-    "public names": 1084,
+    "public names": 1085,
     "private words": 38,
     "type: ignore": 4,
     "words on pages": 29917,

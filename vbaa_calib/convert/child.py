@@ -21,6 +21,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -156,6 +157,28 @@ def read_literal(path: Path) -> dict[str, np.ndarray]:
         raise ValueError(f"line {line} is no Python" if line else "is no Python literal") from None
 
 
+def take_all_schemas() -> None:
+    """Make rosbags open MCAP files with JSON or protobuf messages, too, without decoding these."""
+    from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
+    from rosbags.rosbag2 import storage_mcap
+
+    of_ros: Any = storage_mcap.get_msgdef
+    if of_ros.__module__ == __name__:
+        return
+
+    def definition(schema: Any) -> Any:
+        foreign = schema is not None and schema.encoding in ("jsonschema", "protobuf")
+        return MessageDefinition(MessageDefinitionFormat.NONE, "") if foreign else of_ros(schema)
+
+    def text(stream: io.BytesIO) -> str:
+        # what a record begins with is the file's profile: without one it is of no ROS, but its records are the same
+        first = stream.tell() == 0
+        found = storage_mcap.read_bytes(stream).decode(errors="replace")
+        return "ros2" if first and found in ("", "json", "protobuf") else found
+
+    vars(storage_mcap).update(get_msgdef=definition, read_string=text)
+
+
 def read_bag_head(path: Path) -> dict[str, np.ndarray]:
     """Open a bag, to test whether that is possible; returns nothing.
 
@@ -166,6 +189,7 @@ def read_bag_head(path: Path) -> dict[str, np.ndarray]:
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
+    take_all_schemas()
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)):
         return {}
 

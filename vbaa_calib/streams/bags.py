@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import bz2
+import json
 import math
 import os
 from collections import Counter
@@ -20,7 +22,7 @@ import cv2
 import numpy as np
 
 from vbaa_calib.camera import Camera
-from vbaa_calib.convert.child import is_bag, read_bag_head, read_in_child, says_rectified
+from vbaa_calib.convert.child import is_bag, read_bag_head, read_in_child, says_rectified, take_all_schemas
 from vbaa_calib.core.errors import InputError, clipped, quoted, require_extra
 from vbaa_calib.core.files import most_memory, read_yaml, require_file
 from vbaa_calib.core.images import as_levels, read_picture
@@ -69,6 +71,7 @@ def _bound_unpacking() -> None:
 
     It offers no other way: its functions are replaced by such as raise InputError.
     """
+    take_all_schemas()
     rosbags = _rosbags()
     lz4, zstd = _bounded(rosbags.lz4.open), _bounded(rosbags.mcap.zstd.open)
     rosbags.bag.decompressors.update(bz2=_bounded(bz2.open), lz4=lz4)
@@ -119,7 +122,10 @@ def _refuse_bombs(reader: Any, path: Path) -> None:
 
 
 _ROLES: dict[str, tuple[tuple[str, ...], ...]] = {
-    "image": (("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"),),
+    "image": (
+        ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"),
+        ("foxglove_msgs/msg/CompressedImage", "foxglove.CompressedImage"),
+    ),
     "moment": (
         ("geometry_msgs/msg/WrenchStamped", "std_msgs/msg/Float64"),
         ("geometry_msgs/msg/Wrench", "std_msgs/msg/Float32"),
@@ -272,7 +278,9 @@ def open_bag(
                 if wanted[topic] == "camera" and good[topic]:
                     continue
                 try:
-                    found = list(parts(topic, ros(data, connection.msgtype), arrived_s))
+                    kind = connection.msgtype
+                    message = _foxglove_picture(data, kind) if kind.startswith("foxglove.") else ros(data, kind)
+                    found = list(parts(topic, message, arrived_s))
                 except Exception as error:
                     if getattr(error, "where", None) == path:
                         raise
@@ -381,10 +389,16 @@ def _close(reader: Any) -> None:
 
 
 def _typestore(path: Path) -> Any:
-    """Message definitions for bags that contain none: those of the last ROS version that wrote such bags."""
+    """Message definitions for bags that contain none: those of the last ROS version that wrote such bags, and
+    Foxglove's picture."""
     typesys = require_extra("rosbags.typesys", "live")
     stores = typesys.Stores
-    return typesys.get_typestore(stores.ROS1_NOETIC if path.suffix == ".bag" else stores.ROS2_HUMBLE)
+    if path.suffix == ".bag":
+        return typesys.get_typestore(stores.ROS1_NOETIC)
+    store, name = typesys.get_typestore(stores.ROS2_HUMBLE), "foxglove_msgs/msg/CompressedImage"
+    fields = "builtin_interfaces/Time timestamp\nstring frame_id\nuint8[] data\nstring format\n"
+    store.register(typesys.get_types_from_msg(fields, name))
+    return store
 
 
 def _whole(messages: Iterator[Any], path: Path, notes: list[str]) -> Iterator[Any]:
@@ -440,7 +454,7 @@ def _notes_on(taken: Mapping[str, str], topics: Topics, kinds: Mapping[str, str 
 
 def stamp_s(message: Any, arrived_s: float) -> float:
     """A message's own time, or its logging time where it has none."""
-    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    stamp = getattr(getattr(message, "header", None), "stamp", getattr(message, "timestamp", None))
     return (0.0 if stamp is None else stamp.sec + 1e-9 * stamp.nanosec) or arrived_s
 
 
@@ -481,6 +495,65 @@ def _levels_of_floats(pixels: np.ndarray) -> np.ndarray:
         what = f"its pixels are from {least:g} to {most:g}"
         raise InputError(what, remedy="levels from 0 to 1 or 255 are needed; is it a picture of depths?")
     return pixels * (255.0 if most <= 1.0 else 1.0)
+
+
+def _foxglove_picture(data: bytes, kind: str) -> Any:
+    """Time, format and bytes of a foxglove.CompressedImage in JSON or protobuf, in the form of ROS's message.
+
+    Raises InputError for what is neither.
+    """
+    if kind != "foxglove.CompressedImage":
+        raise InputError(f"the type is {kind}", remedy="CompressedImage is read")
+    try:
+        fields = _json_fields(data) if data[:1] == b"{" else _protobuf_fields(data)
+        sec, nanosec, name, content = fields
+    except (ValueError, KeyError, IndexError, TypeError, RecursionError):
+        raise InputError("is neither JSON nor protobuf of foxglove.CompressedImage", remedy="record it again") from None
+    header = SimpleNamespace(stamp=SimpleNamespace(sec=sec, nanosec=nanosec))
+    return SimpleNamespace(header=header, format=name, data=content)
+
+
+def _json_fields(data: bytes) -> tuple[int, int, str, bytes]:
+    header = json.loads(data)
+    stamp = header["timestamp"]
+    return int(stamp["sec"]), int(stamp["nsec"]), str(header["format"]), base64.b64decode(header["data"], validate=True)
+
+
+def _protobuf_fields(data: bytes) -> tuple[int, int, str, bytes]:
+    """The fields of foxglove/CompressedImage.proto: timestamp 1 (seconds 1, nanos 2), data 2, format 3, frame_id 4."""
+    fields = _protobuf(data)
+    stamp = _protobuf(fields.get(1, b""))
+    return stamp.get(1, 0), stamp.get(2, 0), fields.get(3, b"").decode(), fields[2]
+
+
+def _protobuf(data: bytes) -> dict[int, Any]:
+    """The fields of a protobuf message: number → whole number or bytes. Raises ValueError or IndexError for invalid
+    data."""
+    fields: dict[int, Any] = {}
+    at = 0
+
+    def number() -> int:
+        nonlocal at
+        value = shift = 0
+        while True:
+            byte, at = data[at], at + 1
+            value |= (byte & 0x7F) << shift
+            shift += 7
+            if byte < 0x80:
+                return value
+            if shift > 63:
+                raise ValueError("a number without end")
+
+    while at < len(data):
+        key = number()
+        if key & 7 == 0:
+            fields[key >> 3] = number()
+            continue
+        length = {1: 8, 5: 4}.get(key & 7) or number()
+        if key & 7 not in (1, 2, 5) or at + length > len(data):
+            raise ValueError("no field")
+        fields[key >> 3], at = data[at : at + length], at + length
+    return fields
 
 
 def readings_of(message: Any, topics: Topics, arrived_s: float) -> Iterator[Reading]:
