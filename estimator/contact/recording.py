@@ -457,8 +457,10 @@ def estimate_together(
     numbers, (absent_px, factor), taken = numbers_of(frames), _scatter(rig, frames, lines), list[Batch]()
 
     def batches() -> Iterator[Batch]:
-        for begin in range(0, len(frames), STREAM):
-            own = slice(begin, begin + STREAM)
+        # the free ones of a few say how the rig has changed for the next
+        most = STREAM if rig.drift.of_rig else ContactSettings.chunk
+        for begin in range(0, len(frames), most):
+            own = slice(begin, begin + most)
             points, counts = lines.together(numbers[own])
             points[:, 2] = np.where(np.isfinite(points[:, 2]), factor * points[:, 2], absent_px)
             batch = Batch.of_lines(rig, points, counts, {name: each[own] for name, each in columns.items()})

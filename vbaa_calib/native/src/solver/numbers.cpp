@@ -10,6 +10,7 @@
 #include "smooth.hpp"
 #include "solver/initialization.hpp"
 #include "solver/normal_equations.hpp"
+#include "solver/prediction.hpp"
 
 namespace vbaa::solver {
 namespace {
@@ -144,33 +145,47 @@ void write_pieces(const Rig& rig, const Fit& fit, ConstVector pieces_m, Numbers&
 void write_push(const Rig& rig, const Frame& frame, ConstVector pieces_m, double distance_std, Numbers& numbers,
                 Work& work) {
     const Fit& fit = work.best;
-    constexpr int FORCES = 2 * PIECES;
     const double width = rig.length_m / PIECES, unit = rig.unit_load / rig.force_unit_N * rig.length_m * width;
-    double bent[NODES][PIECES], force_N[PIECES], lever[PIECES], readings[READINGS][FORCES];
-    Array<double, 2> columns(fit.nodes, FORCES), weighted(fit.nodes, FORCES);
-    for (int g = 0; g < PIECES; ++g) force_N[g] = width, lever[g] = pieces_m[g] * width;
-    for (int j = 0; j < NODES; ++j) {
-        const double at = arclength_of_node(fit, rig.length_m, j) / rig.length_m;
-        for (int g = 0; g < PIECES; ++g)
-            bent[j][g] = unit * antenna::deflection(rig.taper, at, pieces_m[g] / rig.length_m);
+    double place[PIECES], tip_m[PIECES], force_N[PIECES], lever[PIECES], readings[READINGS][2 * PIECES];
+    double moved[PIECES][2] = {};
+    for (int g = 0; g < PIECES; ++g) {
+        place[g] = pieces_m[g] / rig.length_m, tip_m[g] = unit * antenna::deflection(rig.taper, TIP, place[g]);
+        force_N[g] = width, lever[g] = pieces_m[g] * width;
     }
-    force_columns(rig, frame, fit, {view(bent), view(force_N), view(lever)}, columns, view(readings));
-    times_tridiagonal(fit, columns, weighted);
+    const Array<double, 2> image = point_jacobian(rig, fit);
+    push_readings(rig, frame, fit, {view(tip_m), view(force_N), view(lever)}, view(readings));
     factorise(fit.information, 0, fit.size, 0.0, work.factor, work.scale);
     // only the distance's response to each load is needed: the first row of the inverse
+    double* response = work.step.begin();
     fill(work.step.view(), 0.0);
-    work.step[0] = 1.0;
-    solve_factorised(work.factor, work.scale, fit.size, work.step.begin(), work.step.begin());
-    double moved[FORCES] = {};
-    const auto add = [&](const double* columns_there, double weight, const double* pulls) {
-        double response = 0.0;
-        for (int a = 0; a < fit.size; ++a) response += work.step[a] * columns_there[a];
-        for (int k = 0; k < FORCES; ++k) moved[k] += weight * response * pulls[k];
-    };
-    for (int j = 0; j < fit.nodes; ++j) add(fit.columns.row(j).data, 1.0, weighted.row(j).data);
-    for (int k = 0; k < fit.readings; ++k)
-        add(fit.reading_columns.row(k).data, huber_weight(fit.residual[k]), readings[k]);
-    for (int k = 0; k < FORCES; ++k) numbers.push[k / 2][k % 2] = moved[k] / distance_std;
+    response[0] = 1.0;
+    solve_factorised(work.factor, work.scale, fit.size, response, response);
+    shift_by_steps(fit, 0, response, fit.size, work.shift);
+    for (int j = 0; j < NODES; ++j) {
+        double pull[2] = {};
+        for (int node = j; node < fit.nodes; node += NODES) {
+            double weighted = fit.diagonal[node] * work.shift[node];
+            if (j > 0) weighted += fit.off_diagonal[node - 1] * work.shift[node - 1];
+            if (j < LAST) weighted += fit.off_diagonal[node] * work.shift[node + 1];
+            for (int axis = 0; axis < 2; ++axis) pull[axis] += unit * weighted * image(axis, node);
+        }
+        const double along = arclength_of_node(fit, rig.length_m, j) / rig.length_m;
+        for (int g = 0; g < PIECES; ++g) {
+            const double bent = antenna::deflection(rig.taper, along, place[g]);
+            for (int axis = 0; axis < 2; ++axis) moved[g][axis] += bent * pull[axis];
+        }
+    }
+    for (int k = 0; k < fit.readings; ++k) {
+        double pull = 0.0;
+        for (int a = 0; a < fit.size; ++a)
+            pull += huber_weight(fit.residual[k]) * response[a] * fit.reading_columns(k, a);
+        for (int g = 0; g < PIECES; ++g) {
+            for (int axis = 0; axis < 2; ++axis) moved[g][axis] += pull * readings[k][2 * g + axis];
+        }
+    }
+    for (int g = 0; g < PIECES; ++g) {
+        for (int axis = 0; axis < 2; ++axis) numbers.push[g][axis] = moved[g][axis] / distance_std;
+    }
 }
 
 // Contact point, force and their covariances.

@@ -100,7 +100,11 @@ void small_forces(const Rig& rig, const Frame& frame, const Fit& fit, Forces& fo
         }
     }
     forces.columns = forces.weighted = Array<double, 2>(fit.nodes, FORCES);
-    force_columns(rig, frame, fit, {view(bent), view(force_N), view(lever)}, forces.columns, view(forces.readings));
+    const Array<double, 2> image = point_jacobian(rig, fit);
+    for (int j = 0; j < fit.nodes; ++j) {
+        for (int k = 0; k < FORCES; ++k) forces.columns(j, k) = bent[j % NODES][k / 2] * image(k % 2, j);
+    }
+    push_readings(rig, frame, fit, {view(bent[LAST]), view(force_N), view(lever)}, view(forces.readings));
 }
 
 // Products of the forces with the residuals and the fit's columns, and the part that these columns explain.
@@ -172,16 +176,9 @@ SecondForce second_force(const Task& task, const Fit& fit, const Fit& problem, d
     return score_test(rig, frame, work.other, distance_std, work);
 }
 
-void force_columns(const Rig& rig, const Frame& frame, const Fit& fit, const Pushes& pushes, Matrix columns,
-                   Matrix readings) {
-    const auto& [bent, force_N, lever] = pushes;
+void push_readings(const Rig& rig, const Frame& frame, const Fit& fit, const Pushes& pushes, Matrix readings) {
+    const auto& [tip_m, force_N, lever] = pushes;
     const int places = lever.size();
-    const Array<double, 2> image = point_jacobian(rig, fit);
-    for (int j = 0; j < fit.nodes; ++j) {
-        for (int g = 0; g < places; ++g) {
-            for (int axis = 0; axis < 2; ++axis) columns(j, 2 * g + axis) = bent(j % NODES, g) * image(axis, j);
-        }
-    }
     // the picture's direction at the end
     const int tip = frame.tip_clamp + LAST;
     const auto& turn = rig.cameras[frame.tip_clamp / NODES].rotation;
@@ -196,7 +193,7 @@ void force_columns(const Rig& rig, const Frame& frame, const Fit& fit, const Pus
                 const double turns = (axis == 0 ? row[5] : -row[4]) * lever[g], pulls = row[1 + axis] * force_N[g];
                 readings(reading, k) = (turns + pulls) * frame.available[reading];
             }
-            readings(END, k) = bent(LAST, g) * along / fit.depth[tip] * frame.available[END];
+            readings(END, k) = tip_m[g] * along / fit.depth[tip] * frame.available[END];
         }
     }
 }

@@ -15,16 +15,12 @@ struct SecondForce {
 // shapes, and their sums.
 SecondForce second_force(const Task& task, const Fit& fit, const Fit& problem, double distance_std);
 
-// Forces at G places. bent: (M, G) deflection of the antenna by each, m. force_N, lever: (G,) sizes, and moments at the
-// clamp, N·m.
+// Forces at G places. tip_m: deflection of the tip by each. force_N, lever: sizes, and moments at the clamp, N·m.
 struct Pushes {
-    ConstMatrix bent;
-    ConstVector force_N, lever;
+    ConstVector tip_m, force_N, lever;
 };
 
-// Effects of these forces along y and z: displacements of the points (M, 2 G) and of the readings (READINGS, 2 G), in
-// σ.
-void force_columns(const Rig& rig, const Frame& frame, const Fit& fit, const Pushes& pushes, Matrix columns,
-                   Matrix readings);
+// Effects (READINGS, 2 G) of these forces along y and z on the readings, in σ.
+void push_readings(const Rig& rig, const Frame& frame, const Fit& fit, const Pushes& pushes, Matrix readings);
 
 }  // namespace vbaa::solver
