@@ -10,6 +10,7 @@ import numpy as np
 from vbaa_calib.antenna.shape import Curves, bend
 from vbaa_calib.antenna.taper import UNIFORM, Taper
 from vbaa_calib.camera import Camera
+from vbaa_calib.camera.lens import lens_of
 from vbaa_calib.core.polyline import arc_lengths, followed, offsets_from, resample
 from vbaa_calib.geometry import Pose
 from vbaa_calib.native import core
@@ -109,7 +110,7 @@ class Corridor:
         assert self.shape_px is not None
         assert self.free is not None
         means, variance = core.search.means_of_runs(points_px, sigma_px, SHAPE_POINTS)
-        seen, valid = self.free.camera.unproject_normalized(means)
+        seen, valid, *_ = lens_of(self.free.camera.intrinsics).normalized(means)
         if np.count_nonzero(valid) < LEAST_SHAPE_POINTS:
             return 0.0
         variance = (variance[valid] + self.shape_px**2) / self.free.focal_px**2

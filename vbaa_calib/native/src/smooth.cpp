@@ -198,12 +198,35 @@ Array<double, 1> running_maxima(ConstVector values, int size) {
 
 double quantile(ConstVector values, double share) {
     const int count = values.shape[0], place = std::min(static_cast<int>(share * count), count - 1);
-    std::vector<double> rest(count);
-    rest.erase(std::copy_if(values.begin(), values.end(), rest.begin(), [](double each) { return each == each; }),
-               rest.end());
-    if (place < 0 || place >= static_cast<int>(rest.size())) return std::numeric_limits<double>::quiet_NaN();
-    std::nth_element(rest.begin(), rest.begin() + place, rest.end());
-    return rest[place];
+    Array<double, 1> rest(Unset{}, count);
+    int known = 0;
+    double least = std::numeric_limits<double>::infinity(), most = -least;
+    for (const double each : values) {
+        rest[known] = each;
+        known += each == each;
+        least = std::min(each, least), most = std::max(each, most);
+    }
+    if (place < 0 || place >= known) return std::numeric_limits<double>::quiet_NaN();
+    constexpr int many = 128, bins = 256;  // numbers from which bins are counted first, and bins
+    int before = 0;
+    if (known >= many && most - least < std::numeric_limits<double>::infinity() && most > least) {
+        // only those of its bin are sorted
+        std::array<int, bins> counts{};
+        const double scale = (bins - 1) / (most - least);
+        const auto bin = [&](double value) { return static_cast<int>((value - least) * scale); };
+        for (int n = 0; n < known; ++n) ++counts[bin(rest[n])];
+        int own = 0;
+        while (before + counts[own] <= place) before += counts[own++];
+        int within = 0;
+        for (int n = 0; n < known; ++n) {
+            const double each = rest[n];
+            rest[within] = each;
+            within += bin(each) == own;
+        }
+        known = within;
+    }
+    std::nth_element(rest.begin(), rest.begin() + place - before, rest.begin() + known);
+    return rest[place - before];
 }
 
 double median(ConstVector values) { return quantile(values, 0.5); }

@@ -17,14 +17,16 @@ constexpr int BOW_RUN = 23;
 using Pixels = View<int, 2>;
 using Profiles = std::array<Array<double, 2>, 2>;
 
-Crossings empty(int count, int length) {
+// Crossings to be filled in.
+Crossings unset(int count, int length) {
     Crossings found;
-    found.points = Array<double, 2>(count, 2);
-    found.axis = Array<int, 1>(count);
-    found.inside = Array<unsigned char, 1>(count);
-    found.along = found.stretch = found.side = found.bow = found.slant = Array<double, 1>(count);
-    const auto both =
-        std::make_shared<const Profiles>(Profiles{Array<double, 2>(count, length), Array<double, 2>(count, length)});
+    found.points = Array<double, 2>(Unset{}, count, 2);
+    found.axis = Array<int, 1>(Unset{}, count);
+    found.inside = Array<unsigned char, 1>(Unset{}, count);
+    for (auto* each : {&found.along, &found.stretch, &found.side, &found.bow, &found.slant})
+        *each = Array<double, 1>(Unset{}, count);
+    const auto both = std::make_shared<const Profiles>(
+        Profiles{Array<double, 2>(Unset{}, count, length), Array<double, 2>(Unset{}, count, length)});
     found.across = (*both)[0];
     found.profiles = (*both)[1];
     found.kept = both;
@@ -63,9 +65,13 @@ void read(Levels<T> picture, int channel, Pixels first, double sign, Crossings& 
     for (int n = 0; n < first.shape[0]; ++n) {
         const int u = first(n, 0), v = first(n, 1), down = found.axis[n], right = 1 - down;
         found.inside[n] = u >= 0 && v >= 0 && u + last * right < width && v + last * down < height;
-        if (!found.inside[n]) continue;
-        for (int t = 0; t <= last; ++t)
-            profiles(n, t) = sign * static_cast<double>(picture(v + t * down, u + t * right, channel));
+        if (!found.inside[n]) {
+            std::fill_n(profiles.row(n).data, last + 1, 0.0);
+            continue;
+        }
+        const T* from = &picture(v, u, channel);
+        const std::ptrdiff_t step = picture.shape[2] * (down ? picture.shape[1] : 1);
+        for (int t = 0; t <= last; ++t) profiles(n, t) = sign * static_cast<double>(from[t * step]);
     }
 }
 
@@ -99,7 +105,7 @@ Crossings crossings(const Picture& picture, ConstMatrix path_px, int half, doubl
         line[k] = crossed_line(path(k, upward(k)), path(k + 1, upward(k)));
         count += line[k] == line[k];
     }
-    Crossings found = empty(count, length);
+    Crossings found = unset(count, length);
     const Matrix across = writable(found.across);
     Array<int, 2> first(count, 2);
     for (int k = 0, n = 0; k < steps; ++k) {

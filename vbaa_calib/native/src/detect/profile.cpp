@@ -49,7 +49,7 @@ Crossings in_widths(Crossings found, const Measuring& how) {
     const Numbers width_px = widths(found, how);
     const double growth_px = how.width_px * how.taper / length_px(found);
     for (int n = 0; n < width_px.size(); ++n) {
-        const double width = std::hypot(width_px[n], blur_px);
+        const double width = std::sqrt(square(width_px[n]) + square(blur_px));
         in_width(found, n, width / middle, width_px[n] * growth_px / (width * width));
     }
     return found;
@@ -220,7 +220,7 @@ Numbers edge_doubt(const Crossings& found, const Lines& lines, const Flags& seen
 }
 
 Numbers together(const Numbers& one, const Numbers& other) {
-    return each(one.size(), [&](int n) { return std::hypot(one[n], other[n]); });
+    return each(one.size(), [&](int n) { return std::sqrt(square(one[n]) + square(other[n])); });
 }
 
 // How a course is fitted: in two rounds, of 6 and `second_scale` typical deviations.

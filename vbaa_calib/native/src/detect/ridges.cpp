@@ -65,10 +65,15 @@ int across(double u, double v) {
 
 // Weight of a response by its level; the quantile TEXTURE_QUANTILE of the responses in the spans is ordinary texture.
 std::array<Level, 256> saturating(const Level* flat, const PathTable& paths) {
-    std::array<int, 256> counts{};
+    // in turn, since a count must be written before it is read again
+    std::array<std::array<int, 256>, 4> several{};
     int all = 0;
     for (int k = 0; k < paths.spans.shape[0]; ++k)
-        for (int at = paths.spans(k, 0); at < paths.spans(k, 1); ++at, ++all) ++counts[flat[k * paths.columns() + at]];
+        for (int at = paths.spans(k, 0); at < paths.spans(k, 1); ++at, ++all)
+            ++several[all % 4][flat[k * paths.columns() + at]];
+    std::array<int, 256> counts;
+    for (int level = 0; level < 256; ++level)
+        counts[level] = several[0][level] + several[1][level] + several[2][level] + several[3][level];
     int ordinary = 1;
     for (int below = counts[0]; below < TEXTURE_QUANTILE * all && ordinary < 255; ++ordinary) below += counts[ordinary];
     std::array<Level, 256> found;
@@ -236,22 +241,34 @@ Columns columns_across(ConstMatrix path_px, double width_px, int reach) {
 template <class T>
 Array<double, 2> sampled(Levels<T> picture, const Columns& across, double sign) {
     const int height = picture.shape[0], width = picture.shape[1], wide = across.reach + across.flank;
-    const int beyond = std::min(width - 1, 1), below = std::min(height - 1, 1);
-    const auto level = [&](int v, int u) { return static_cast<double>(picture(v, u, 0)); };
-    Array<double, 2> strip(Unset{}, across.along.size(), 2 * wide + 1);
-    for (int k = 0; k < strip.shape[0]; ++k)
-        for (int r = 0; r <= 2 * wide; ++r) {
-            const double u = across.points(k, 0) + (r - wide) * across.normals(k, 0);
-            const double v = across.points(k, 1) + (r - wide) * across.normals(k, 1);
-            const double inside_u = std::min(std::max(0.0, u), width - 1.0);
-            const double inside_v = std::min(std::max(0.0, v), height - 1.0);
-            const int left = std::min(static_cast<int>(inside_u), std::max(width - 2, 0));
-            const int top = std::min(static_cast<int>(inside_v), std::max(height - 2, 0));
-            const double right = inside_u - left, down = inside_v - top;
-            const double near = level(top, left) * (1.0 - right) + level(top, left + beyond) * right;
-            const double far = level(top + below, left) * (1.0 - right) + level(top + below, left + beyond) * right;
-            strip(k, r) = sign * (near * (1.0 - down) + far * down);
+    const int channels = picture.shape[2], count = 2 * wide + 1, last_left = std::max(width - 2, 0);
+    const int beyond = width > 1 ? channels : 0, below = height > 1 ? width * channels : 0;
+    const int last_top = std::max(height - 2, 0);
+    Array<double, 2> strip(Unset{}, across.along.size(), count);
+    std::vector<int> pixel(count);
+    std::vector<double> right(count), down(count);
+    for (int k = 0; k < strip.shape[0]; ++k) {
+        const double du = across.normals(k, 0), dv = across.normals(k, 1);
+        const double first_u = across.points(k, 0), first_v = across.points(k, 1);
+        int* const __restrict at = pixel.data();
+        double* const __restrict to_right = right.data(), * const __restrict to_below = down.data();
+        for (int r = 0; r < count; ++r) {
+            const double u = std::min(std::max(0.0, first_u + (r - wide) * du), width - 1.0);
+            const double v = std::min(std::max(0.0, first_v + (r - wide) * dv), height - 1.0);
+            const int left = std::min(static_cast<int>(u), last_left), top = std::min(static_cast<int>(v), last_top);
+            at[r] = top * width + left;
+            to_right[r] = u - left;
+            to_below[r] = v - top;
         }
+        double* const __restrict to = strip.row(k).data;
+        for (int r = 0; r < count; ++r) {
+            const T* const from = picture.data + static_cast<std::ptrdiff_t>(at[r]) * channels;
+            const double one = static_cast<double>(from[0]), other = static_cast<double>(from[below]);
+            const double near = one + to_right[r] * (static_cast<double>(from[beyond]) - one);
+            const double far = other + to_right[r] * (static_cast<double>(from[below + beyond]) - other);
+            to[r] = sign * (near + to_below[r] * (far - near));
+        }
+    }
     return strip;
 }
 
@@ -379,15 +396,10 @@ Array<double, 1> path_scores(const Picture& picture, const PathTable& paths, boo
         },
         picture);
     const std::array<Level, 256> counted = saturating(flat.begin(), paths);
-    for (int k = 0; k < paths.spans.shape[0]; ++k)
-        for (int at = paths.spans(k, 0); at < paths.spans(k, 1); ++at) {
-            Level& own = flat[k * paths.columns() + at];
-            own = counted[own];
-        }
     Array<double, 1> score(paths.index.shape[0]);
     for (int p = 0; p < score.size(); ++p) {
         std::int32_t total = 0;
-        for (const std::int32_t at : paths.index.row(p)) total += flat.begin()[std::min<unsigned>(at, cells)];
+        for (const std::int32_t at : paths.index.row(p)) total += counted[flat.begin()[std::min<unsigned>(at, cells)]];
         score[p] = total / paths.weight[p];
     }
     return score;

@@ -55,10 +55,10 @@ inline std::vector<int> places(const Flags& chosen) {
 
 // The values (M,) of the chosen.
 inline Numbers selected(ConstVector values, const Flags& chosen) {
-    Numbers found;
+    Numbers found(Unset{}, count(chosen));
+    int k = 0;
     for (int n = 0; n < chosen.size(); ++n)
-        if (chosen[n]) found.values.push_back(values[n]);
-    found.shape[0] = found.size();
+        if (chosen[n]) found[k++] = values[n];
     return found;
 }
 
