@@ -372,6 +372,8 @@ class OutlierSettings:
     lonely: float = 5.0  # times as far from its neighbours as is usual, a point is not on a line with them
     rounds: int = 6  # fits of the smooth curve, the last one without gross errors
     gross_std: float = 5.0  # farther from the curve, in the line's own scatter, a point is a gross error
+    surely_std: float = 4.0  # where no point of a line is so far from the first fit, there is no gross error
+    surely_points: int = 200  # points of such a line, at least: the fit to few follows each
     lags: int = 8  # neighbours, at most, that share errors; what spans more is part of the curve
     significant: float = 2.5  # standard errors from which a correlation of neighbours counts
     slow: float = 0.25  # part of the slowest errors, at least, that the curve may not have taken
@@ -463,6 +465,8 @@ def _about_curve(
         values = np.linalg.solve(weighted.T @ basis, weighted.T @ (across / sigma))
         off = (across / sigma - basis @ values) / np.hypot(1.0, slopes @ values)
         scatter = max(mad_std(off), 1e-9)
+        if turn == 0 and len(off) >= settings.surely_points and np.abs(off).max() <= settings.surely_std * scatter:
+            break
         if turn < settings.rounds - 2:
             # what lies far off counts less and less
             weights = 1.0 / np.hypot(1.0, off / scatter)
