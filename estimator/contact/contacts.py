@@ -23,7 +23,7 @@ from vbaa_calib.rig import POSE_PARAMETERS, Rig
 from .inputs import Batch
 from .motion import Beam, Inertia, Motion, Shapes
 from .settings import ContactSettings
-from .status import FAILED, NO_ANTENNA, NO_CONTACT, OK, limits, reason
+from .status import FAILED, NO_ANTENNA, NO_CONTACT, OK, limits, model_words, reason
 
 _T = TypeVar("_T")
 
@@ -101,10 +101,11 @@ class Contacts(Rows, ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequen
 
     def table(self, frames: Mapping[str, np.ndarray]) -> ContactTable:
         """The rows of contacts.csv. frames : (B,) their frame, time_s, pan_rad and tilt_rad."""
-        count, length_m, bias = len(self), self.rig.antenna.length_m, self.numbers.bias
+        count, bias = len(self), self.numbers.bias
         usual = self.ordinary & (self.status == OK) & (self.numbers.outliers + self.outside_points == 0)
+        rungs, biases = self.numbers.rung.tolist(), bias.tolist()
         words = [
-            reason(self.numbers, row, "", length_m, self.requested) if plain and self.seen is None else self[row].reason
+            model_words(rungs[row], biases[row], self.requested) if plain and self.seen is None else self[row].reason
             for row, plain in enumerate(usual.tolist())
         ]
         own = bias[np.arange(count), self.numbers.rung]

@@ -52,7 +52,7 @@ def reason(several: FitNumbers, index: int, status: str, length_m: float, reques
     for a frame that is ok and ordinary."""
     if not status:
         row = several.rows[index]
-        return _model(int(row["rung"]), row["bias"].tolist(), requested)
+        return model_words(int(row["rung"]), row["bias"].tolist(), requested)
     numbers = several.row(index)
     if status == NO_ANTENNA:
         return f"only {numbers.points[0]} usable centreline points"
@@ -64,7 +64,7 @@ def reason(several: FitNumbers, index: int, status: str, length_m: float, reques
         return _unobservable(numbers, length_m)
     if status == LOW:
         return f"the contact distance is known only to {1e3 * numbers.std[0, 0] * length_m:.1f} mm"
-    reasons = [_model(int(numbers.rung[0]), numbers.bias[0].tolist(), requested)]
+    reasons = [model_words(int(numbers.rung[0]), numbers.bias[0].tolist(), requested)]
     if status == TIP:
         reasons.insert(0, "the contact is indistinguishable from the tip: its distance is the antenna's length")
     return "; ".join(reasons + _remarks(numbers))
@@ -130,7 +130,7 @@ def _unobservable(numbers: FitNumbers, length_m: float) -> str:
     return f"two contacts explain it about equally well: {here}, and {there} from y"
 
 
-def _model(rung: int, bias: list[float], requested: str) -> str:
+def model_words(rung: int, bias: list[float], requested: str) -> str:
     """The rung that was used and the reason, in words."""
     name = RUNGS[rung]
     if requested != "auto":

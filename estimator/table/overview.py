@@ -83,8 +83,15 @@ class Overview:
             outside, used = points[lost].sum(axis=0).tolist()
             self.outside.update({"frames": int(lost.sum()), "points": outside, "used": used})
         self.read.update({name: int((~np.isnan(read[name])).sum()) for name in _named(self.columns)})
-        for one in zip(table.frame.tolist(), table.status.tolist(), table.reason.tolist(), strict=True):
-            self.add_result(*one)
+        frames, statuses = table.frame.tolist(), table.status.tolist()
+        if not (found := dict.fromkeys(statuses)).keys() <= {*LOCATED, "no_contact"}:
+            for one in zip(frames, statuses, table.reason.tolist(), strict=True):
+                self.add_result(*one)
+            return
+        self.status.update(statuses)
+        places = {status: self._first.setdefault((status, ""), (len(self._first), ""))[0] for status in found}
+        self._rows.extend(frames)
+        self._kinds.extend(map(places.__getitem__, statuses))
 
     def _add_friction(self, found: Contact | ContactTable, located: np.ndarray | bool = True) -> None:
         """Count located frames with a friction angle known to half its prior, and those with one beyond twice it."""

@@ -12,7 +12,7 @@ from estimator.table.contacts import ContactTable
 from vbaa_calib.core.robust import NORMAL_QUARTILE
 from vbaa_calib.geometry.covariance import variance_along
 
-from .fit import SurfaceFit, begin, fit, with_common_errors
+from .fit import SurfaceFit, begin, fit
 from .patches import across_curve, bridged_gap, nearest_first
 from .touches import Touches, touches_of
 
@@ -167,7 +167,7 @@ def _compliance_of(fit: SurfaceFit) -> Compliance:
 
 def _surface(found: SurfaceFit, compliance: Compliance, known: bool, notes: list[str]) -> Surface:
     """The surface to draw from a solved shape, with its numbers at the touches. known : whether covariances are."""
-    touches, count, normals = found.touches, len(found.touches), with_common_errors(found)
+    touches, count, normals = found.touches, len(found.touches), found.normals_with_common_errors()
     touched, touched_std, label = np.empty((count, 3)), np.empty(count), np.empty(count, int)
     pieces = []
     for index, patch in enumerate(found.patches):

@@ -81,6 +81,10 @@ class SurfaceFit:
         points = patch.center_m + np.column_stack([over_m, *across.reshape(2, -1)]) @ patch.frame
         return points, covariance
 
+    def normals_with_common_errors(self) -> Normals:
+        """The normals with the part of their errors that the touches share."""
+        return _estimate_normals(self.touches, self.patches, self.solution, self.seen, common=True)[0]
+
 
 def begin(touches: Touches, antenna_radius_m: np.ndarray | float) -> tuple[tuple[Patch, ...], _FitState]:
     """The patches, and the initial state: slopes from the forces' directions, a rigid object, no outliers."""
@@ -148,11 +152,6 @@ def fit(
                 break
             least = min(least, step)
     return SurfaceFit(touches, patches, solution, state, points, seen, normals)
-
-
-def with_common_errors(found: SurfaceFit) -> Normals:
-    """The fit with normals that include the part of their errors that the touches share."""
-    return _estimate_normals(found.touches, found.patches, found.solution, found.seen, common=True)[0]
 
 
 def _surface_points(
