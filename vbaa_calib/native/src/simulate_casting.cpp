@@ -86,16 +86,19 @@ Hit march(const Body& body, const Point& start, const Point& ray) {
     return {};
 }
 
+Hit first_hit(const Body& body, const Point& start, const Point& ray) {
+    const bool marched = body.object.kind == BOX || body.object.kind == FREEFORM;
+    return marched ? march(body, start, ray) : meet(body, start, ray);
+}
+
 }  // namespace
 
 Hits cast_rays(const Body& body, const Point& origin_m, ConstMatrix directions) {
     int count = directions.shape[0];
     Hits hits = {Array<double, 1>(count), Array<double, 2>(count, 3), Array<std::int64_t, 1>(count)};
     Point start = origin_m - body.object.center_m;
-    bool marched = body.object.kind == BOX || body.object.kind == FREEFORM;
     for (int i = 0; i < count; ++i) {
-        Point ray = read<Point>(&directions(i, 0));
-        Hit hit = marched ? march(body, start, ray) : meet(body, start, ray);
+        const Hit hit = first_hit(body, start, read<Point>(&directions(i, 0)));
         hits.depths[i] = hit.depth;
         hits.faces[i] = hit.face;
         write(hit.normal, &hits.normals(i, 0));
@@ -103,18 +106,23 @@ Hits cast_rays(const Body& body, const Point& origin_m, ConstMatrix directions) 
     return hits;
 }
 
-Array<double, 1> shade(const Point& center_m, const Point& origin_m, ConstMatrix directions, ConstVector depths,
-                       ConstVector lights) {
-    Array<double, 1> shades(depths.shape[0]);
-    Point start = origin_m - center_m;
-    for (int i = 0; i < depths.shape[0]; ++i) {
-        if (!(depths[i] < INFINITE)) continue;
-        Point point = start + depths[i] * read<Point>(&directions(i, 0));
+Lit lit(const Body& body, const Point& origin_m, const Rotation& turn, ConstMatrix rays, const Light& light) {
+    const int count = rays.shape[0];
+    Lit found = {Array<double, 1>(Unset{}, count), Array<std::int8_t, 1>(Unset{}, count)};
+    const Point start = origin_m - body.object.center_m;
+    for (int i = 0; i < count; ++i) {
+        const Point ray = turn.turned(Point{rays(i, 0), rays(i, 1), 1.0});
+        const Hit hit = first_hit(body, start, ray);
+        found.faces[i] = static_cast<std::int8_t>(hit.face);
+        found.brightness[i] = 0.0;
+        if (hit.face < 0) continue;
+        const Point point = start + hit.depth * ray;
         double stains = std::sin(dot(point, Point{310.0, 120.0, -90.0}));
         stains += std::sin(dot(point, Point{-70.0, 210.0, 260.0}) + 1.0);
-        shades[i] = lights[i] * (1.0 + 0.04 * stains);
+        const double arriving = light.ambient + (1.0 - light.ambient) * std::max(dot(hit.normal, light.lamp), 0.0);
+        found.brightness[i] = arriving * (1.0 + 0.04 * stains);
     }
-    return shades;
+    return found;
 }
 
 }  // namespace vbaa::simulate

@@ -24,8 +24,18 @@ struct Hits {
 };
 Hits cast_rays(const Body& body, const Point& origin_m, ConstMatrix directions);
 
-// Reflected light (N,) at each hit, stains included, from the arriving `lights` (N,); zero for a miss.
-Array<double, 1> shade(const Point& center_m, const Point& origin_m, ConstMatrix directions, ConstVector depths,
-                       ConstVector lights);
+// Direction towards the lamp, and what part of the light comes from everywhere.
+struct Light {
+    Point lamp;
+    double ambient;
+};
+
+// What rays see of a white object.
+struct Lit {
+    Array<double, 1> brightness;  // (N,) of the light, stains included; zero for a miss
+    Array<std::int8_t, 1> faces;  // (N,) as of `Hits`
+};
+// rays: (N, 2) x/z and y/z in the camera's frame, which `turn` rotates into the world's.
+Lit lit(const Body& body, const Point& origin_m, const Rotation& turn, ConstMatrix rays, const Light& light);
 
 }  // namespace vbaa::simulate

@@ -105,36 +105,28 @@ def _bounding_points(obj: TouchObject) -> np.ndarray:
     return obj.center_world_m + corners @ np.stack([half * axis, reach * side, reach * np.cross(axis, side)])
 
 
-def _shaded(
-    obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray, albedo: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Brightness, mask of the rays that hit the object, and its face, each (N,)."""
-    depth, normal, face = _cast(obj, origin_m, directions)
-    light = PAINT.ambient + (1.0 - PAINT.ambient) * np.maximum(normal @ LAMP_WORLD, 0.0)
-    shade = core.simulate.shade(obj.center_world_m, origin_m, directions, depth, light)
-    return albedo * shade, np.isfinite(depth), face
-
-
 def object_patch(place: Studio, obj: TouchObject, T_world_camera: Pose) -> ImagePatch | None:
     """The object's picture with antialiased edges; None outside the picture."""
     left, top, right, bottom = _frame(place, obj, T_world_camera)
     if right <= left or bottom <= top:
         return None
-    origin, albedo = T_world_camera.translation_m, place.spec.object
-    shape = (bottom - top, right - left)
-    directions = _world_rays(place.rays.centres[top:bottom, left:right].reshape(-1, 2), T_world_camera)
-    brightness, hit, face = _shaded(obj, origin, directions, albedo)
-    brightness, alpha = brightness.reshape(shape), hit.astype(float).reshape(shape)
+    body, origin, albedo = _body(obj), T_world_camera.translation_m, place.spec.object
 
-    faces = (face + 1).astype(np.uint8).reshape(shape)
+    def seen(rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Brightness and face, each (N,), along camera rays (N, 2), x/z and y/z."""
+        turn = np.ascontiguousarray(T_world_camera.rotation)
+        light, face = core.simulate.lit(body, origin, turn, np.ascontiguousarray(rays), LAMP_WORLD, PAINT.ambient)
+        return albedo * light, face
+
+    shape = (bottom - top, right - left)
+    brightness, face = (each.reshape(shape) for each in seen(place.rays.centres[top:bottom, left:right].reshape(-1, 2)))
+    alpha, faces = (face >= 0).astype(float), (face + 1).astype(np.uint8)
     around = np.ones((3, 3), np.uint8)
     rows, columns = np.nonzero(cv2.dilate(faces, around) != cv2.erode(faces, around))
     if rows.size:
         steps = (np.arange(PAINT.object_subpixels) + 0.5) / PAINT.object_subpixels - 0.5
         inner = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(1, -1, 2)
         samples = np.stack([columns + left, rows + top], axis=1)[:, None, :] + inner
-        fine = _world_rays(place.rays.at(samples.reshape(-1, 2)), T_world_camera)
-        brightness[rows, columns], alpha[rows, columns] = (
-            each.reshape(len(rows), -1).mean(axis=1) for each in _shaded(obj, origin, fine, albedo)[:2]
-        )
+        fine, fine_face = (each.reshape(len(rows), -1) for each in seen(place.rays.at(samples.reshape(-1, 2))))
+        brightness[rows, columns], alpha[rows, columns] = fine.mean(axis=1), (fine_face >= 0).mean(axis=1)
     return ImagePatch(left, top, 1, brightness.astype(np.float32), alpha.astype(np.float32))

@@ -88,12 +88,15 @@ auto cast_rays(nb::handle body, const InVector& origin_m, const InMatrix& direct
     return arrays(hits.depths, hits.normals, hits.faces);
 }
 
-auto shade(const InVector& center_m, const InVector& origin_m, const InMatrix& directions, const InVector& depths,
-           const InVector& lights) {
-    check_points(directions);
-    require(directions.shape(0) == depths.size() && depths.size() == lights.size(), "each ray has a depth and a light");
-    auto center = read_from<Point, 1>(center_m), origin = read_from<Point, 1>(origin_m);
-    return to_numpy(simulate::shade(center, origin, view(directions), view(depths), view(lights)));
+auto lit(nb::handle body, const InVector& origin_m, const InMatrix& turn, const InMatrix& rays, const InVector& lamp,
+         double ambient) {
+    require(rays.shape(1) == 2, "rays are (N, 2)");
+    const auto drawn = body_of(body);
+    const auto origin = read_from<Point, 1>(origin_m);
+    const auto rotation = read_from<Rotation, 2>(turn);
+    const simulate::Light light = {read_from<Point, 1>(lamp), ambient};
+    auto found = unlocked([&] { return simulate::lit(drawn, origin, rotation, view(rays), light); });
+    return arrays(found.brightness, found.faces);
 }
 
 void check_map(const InCube& padded) {
@@ -202,7 +205,7 @@ void bind_simulate(nb::module_& module) {
     room.def("surface_radii", &surface_radii, "(K,) distance of a free form's surface from its centre.");
     room.def("first_within", &first_within, "The first of A poses that brings a point near; A where none does.");
     room.def("cast_rays", &cast_rays, "Depths (N,), normals (N, 3) and faces (N,) of the first hits of rays.");
-    room.def("shade", &shade, "(N,) how much of the light on hits comes back.");
+    room.def("lit", &lit, "Brightness (N,) and faces (N,) of a white object where rays (N, 2) meet it.");
     room.def("rays_between", &rays_between, "(N, 2) x/z and y/z at pixels (N, 2).");
     room.def("surroundings", &surroundings, "(H, W) float32 brightness of the bench where the pixels' rays end.");
     room.def("sheet_pixels", &sheet_pixels, "(2, H·F, W·F) float32 brightness and presence of a sheet's texels.");
