@@ -225,7 +225,7 @@ def is_slip(
     if evidence is None or not any(one.name in SLIPS for one in found):
         return False
     turned = ([replace(one, gravity_m_s2=by * one.gravity_m_s2) for one in lines] for by in (0.0, -1.0))
-    return not any(one.fits(*one.seen[:2]) for one in (replace(evidence, lines=some) for some in turned))
+    return not any(replace(evidence, lines=some).fits for some in turned)
 
 
 def because(error: VbaaError, found: Sequence[Diagnosis], session: Session) -> VbaaError:

@@ -229,19 +229,23 @@ class JigEvidence:
             total -= 0.5 * (apart.statistic + float(np.linalg.slogdet(apart.covariance)[1]))
         return max(total, -_JigSettings.lost)
 
-    def fits(self, lines: Sequence[Observation], scale: float) -> bool:
-        """Whether lines and other ways lie so near to what was reported that no explanation could gain more than its
-        prior costs."""
-        _, problem, solution = self.solved(self.reported, lines, scale)
-        largest = _JigSettings.scattered * _JigSettings.correlated
-        if problem is None or solution is None or self._scale(self.reported, lines) > largest:
+    @property
+    def fits(self) -> bool:
+        """Whether the antenna's lines and the other ways lie so near to what was reported that no explanation could
+        gain more than its prior costs."""
+        solution, largest = self._as_reported[2], _JigSettings.scattered * _JigSettings.correlated
+        if solution is None or self._scale(self.reported, self.seen[0]) > largest:
             return False
         return solution.prior_cost < _JigSettings.least_cost
 
     @cached_property
-    def seen(self) -> tuple[Sequence[Observation], float, float]:
-        """The free antenna's lines, the factor on their standard deviations, and the log evidence for everything as
-        reported.
+    def _as_reported(self) -> tuple[float, Problem | None, Linearised | None]:
+        """What `solved` finds from the lines in `seen`, with everything as reported."""
+        return self.solved(self.reported, *self.seen)
+
+    @cached_property
+    def seen(self) -> tuple[Sequence[Observation], float]:
+        """The free antenna's lines and the factor on their standard deviations.
 
         Where they were not detected beforehand, they come from the hypothesis that best explains the lines detected
         near its own prediction.
@@ -257,7 +261,7 @@ class JigEvidence:
                 scale = min(
                     self._scale(case, some) for case in [self.reported, *_slips(self), *_mirrored_pictures(self)]
                 )
-            return some, scale, self.solved(self.reported, some, scale)[0]
+            return some, scale
         best: tuple[tuple[int, float], Sequence[Observation], float] = ((0, -np.inf), [], 1.0)
         places: list[tuple[Pose, tuple[bool, bool]]] = []
         elsewhere = [
@@ -277,7 +281,7 @@ class JigEvidence:
                 best = max(best, ((ends, self.solved(case, lines, scale)[0]), lines, scale), key=lambda one: one[0])
                 if case.name == self.reported.name and ends == len(lines):
                     break
-        return *best[1:], self.solved(self.reported, *best[1:])[0]
+        return best[1:]
 
     def _scale(self, case: _JigMistake, lines: Sequence[Observation]) -> float:
         """Factor on the points' standard deviations, from their scatter about the best antenna under a hypothesis."""
@@ -291,7 +295,7 @@ class JigEvidence:
 
     def explanation(self, case: _JigMistake) -> Explanation[JigEvidence]:
         """The explanation of the lines and the other ways by a hypothesis."""
-        lines, scale, reported = self.seen
+        lines, scale = self.seen
         if case.loads_rad:
             return self._turned_before_loads(case)
         evidence, problem, solution = self.solved(case, lines, scale)
@@ -304,12 +308,13 @@ class JigEvidence:
         severity: Severity = "doubt" if case.name == "antenna_length" else "wrong"
         if lines:
             words += f"; as it is in session.yaml, {self._off(lines)}"
-        return Explanation(Diagnosis(case.name, words, case.remedy, severity), evidence - reported + case.log_prior)
+        gained = evidence - self._as_reported[0] + case.log_prior
+        return Explanation(Diagnosis(case.name, words, case.remedy, severity), gained)
 
     def _turned_before_loads(self, case: _JigMistake) -> Explanation[JigEvidence]:
         """The explanation by a rotation of the camera between the pictures without and with loads: estimated to
         first order, and again with the loads' lines rotated back."""
-        lines, scale, reported = self.seen
+        lines, scale = self.seen
         turn, std_rad, evidence = np.zeros(3), np.full(3, np.nan), -_JigSettings.lost
         for _ in range(_JigSettings.rounds):
             _, problem, solution = self.solved(case, [self._seen_before(one, turn) for one in lines], scale)
@@ -330,7 +335,7 @@ class JigEvidence:
             evidence -= 0.5 * float((turn**2).sum()) / case.loads_rad**2
         size = f"{np.degrees(np.linalg.norm(turn)):.2f} ± {np.degrees(np.linalg.norm(std_rad)):.2f}°"
         found_so = Diagnosis(case.name, case.words.format(size), case.remedy, "wrong")
-        return Explanation(found_so, evidence - reported + case.log_prior)
+        return Explanation(found_so, evidence - self._as_reported[0] + case.log_prior)
 
     def _seen_before(self, line: Observation, turn_rad: np.ndarray) -> Observation:
         """A load's line in the camera's orientation before it turned; any other unchanged."""
@@ -504,8 +509,7 @@ def _quaternion(rotation: np.ndarray) -> str:
 def jig_diagnoses(data: JigEvidence) -> list[Diagnosis]:
     """Diagnoses of the jig, or of changes since its picture; empty where everything may be as reported, or another
     cause explains the pictures as well."""
-    lines, scale, _ = data.seen
-    if data.fits(lines, scale) if lines else not data.others:
+    if data.fits if data.seen[0] else not data.others:
         return []
     best = decide(data.explanation(case) for row in (_slips, _mirrored_pictures, _changes) for case in row(data))
     # the antenna's length is for those who know its loads
