@@ -37,7 +37,7 @@ MOST = {
     "public names": 1085,
     "private words": 38,
     "type: ignore": 4,
-    "words on pages": 29917,
+    "words on pages": 29915,
 }
 """What there may be of each. A number only goes down: a change that needs fewer lowers it."""
 

@@ -293,6 +293,23 @@ def _kept(m: np.ndarray, rng: np.random.Generator, was: Recording) -> np.ndarray
     return m[np.arange(len(m)) // every * every]
 
 
+def _filtered(m: np.ndarray, rng: np.random.Generator, was: Recording) -> np.ndarray:
+    """Through a low-pass filter of first order."""
+    kept, found = np.exp(-1.0 / rng.uniform(1.5, 6.0)), m.copy()
+    for row in range(1, len(m)):
+        found[row] = kept * found[row - 1] + (1.0 - kept) * m[row]
+    return found
+
+
+def _dropped(m: np.ndarray, rng: np.random.Generator, was: Recording) -> np.ndarray:
+    """A loose contact: no reading in some rows, for which 0 is noted."""
+    return np.where(rng.uniform(size=len(m)) < rng.uniform(0.1, 0.4), 0.0, m)
+
+
+def _dead_zone(m: np.ndarray, rng: np.random.Generator, was: Recording) -> np.ndarray:
+    return np.where(np.abs(m) < np.quantile(np.abs(m), rng.uniform(0.1, 0.35)), 0.0, m)
+
+
 def _drifting(m: np.ndarray, rng: np.random.Generator, was: Recording) -> np.ndarray:
     walked = _either(15.0, 40.0, rng) * was.rig.moment_sensor.std_Nm
     return np.asarray(m + walked * np.linspace(0.0, 1.0, len(m)))
@@ -521,5 +538,10 @@ RECORDING = (
     _row("tilt off by 3 to 20°", "joint_offset joints_untested", _joints(_off(0.05, 0.35)), REPORTED),
     _row("moment in steps of 15 to 60 std", "moment_rounded", _readings(_rounded)),
     _row("moment of every 2nd to 5th row", "moment_kept", _readings(_kept)),
+    _row("moment rows shuffled", "moment_noise moment_dead", _readings(lambda m, rng, was: rng.permutation(m))),
+    _row("moment 0 in 10 to 40 % of the rows", "moment_stuck", _readings(_dropped)),
+    _row("moment's smallest tenth to third 0", "moment_stuck moment_kept", _readings(_dead_zone)),
+    _row("moment through a filter of 1.5 to 6 rows", f"{LATE} moment_late moment_dead", _readings(_filtered)),
+    _row("moments backwards in time", "moment_late moment_dead", _readings(lambda m, rng, was: m[::-1]), DOUBTED),
 )
 """The matrix's column of recordings. Edit the names of the findings here."""

@@ -70,6 +70,7 @@ class RecordingSettings:
     typical: float = 0.9  # quantile of the changes of the moment that says how much such a row is off
     at_limit: int = 3  # moments equal to the largest or smallest of all from which on the sensor is at its limit
     at_limit_share: float = 0.04  # least share of such moments among all
+    fewest_standing: int = 5  # equal moments within the range from which the sensor stops at times
     distinct: float = 0.8  # part of the other moments that differ from each other where they have enough digits
     beyond_std: float = 4.0  # standard deviations by which pictures ask for more than a moment at the end of its range
     repeated: int = 2  # rows that repeat the picture of the row before from which on the camera had stopped
@@ -91,6 +92,15 @@ class RecordingSettings:
     jump_sigma: float = 3.0  # the same distance over the standard deviation of its points
     most_jumps: int = 32  # most jumps of a recording for which the right rows are sought
     series: float = 0.2  # part of jumping pictures up to which the rows are a series in time
+
+    # moments and pictures as two series in time (280 clean recordings: log odds up to 0.7, leaps up to 10 std)
+    window: int = 6  # rows over which a moment is linear in its picture
+    most_windows: int = 400  # windows that are compared
+    fewest_windows: int = 6  # fewer windows decide nothing
+    filters_rows: tuple[float, ...] = (0.6, 1.0, 1.5, 2.2, 3.5, 6.0)  # time constants of low-pass filters, rows
+    least_lags: int = 8  # rows of the recording for each row of delay that is tried
+    seen_share: float = 0.9  # part of the rows in which a place along the antenna must be visible
+    noisy_std: float = 15.0  # leaps of moments over their noise, where pictures hardly change, that are wrong
 
     # when a recording is judged while it runs, and how many witnesses it may lack
     judged: int = 64  # frames after which a recording is judged for the first time; then at twice as many each time

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import deepcopy
@@ -62,7 +63,7 @@ _Pictured = tuple[int, np.ndarray, float, np.ndarray]
 
 @dataclass(eq=False)
 class RecordingWatch:
-    """Collects frames of a recording, in order and in 32 bytes a row besides those of some frames that it keeps.
+    """Collects frames of a recording, in order and in 40 bytes a row besides those of some frames that it keeps.
 
     series : whether the rows follow each other; those picked out of a recording do not.
     """
@@ -80,8 +81,7 @@ class RecordingWatch:
         # the row in which the present picture was seen first, and its readings
         self._pictured: tuple[Measured, np.ndarray] | None = None
         self._repeated: list[int] = []
-        self._limits = (np.inf, -np.inf)
-        self._at: dict[float, list[int]] = {}  # rows with the smallest and the largest moment so far
+        self._moments = array("d")  # of all rows, N·m
         self._contradicted: list[int] = []
         self._seen = 0  # rows in which there is an antenna
         self._turned: Counter[str] = Counter()  # pictures that show one only otherwise, by how
@@ -141,15 +141,13 @@ class RecordingWatch:
         measured in a row. may_repeat : rows with a picture that may be that of the row before. reasons : rows without a
         contact point, with the contact that has the reason.
         """
-        begin, moments, before = self.count, readings[:, 0], 0
+        begin, before = self.count, 0
+        self._moments.extend(readings[:, 0].tolist())
         for row in may_repeat:
             if row > before + 1:
                 self._pictured = None
             self._note_picture(measured(row), readings[row], begin + row)
             before = row
-        low, high = self._limits
-        for row in np.flatnonzero((moments <= low) | (moments >= high)).tolist():
-            self._count_limits(float(moments[row]), begin + row)
         for row, contact in reasons:
             self._note_reason(contact, begin + row)
         later = np.diff(time_s, prepend=self._time_s)
@@ -233,15 +231,6 @@ class RecordingWatch:
             if len(self._spread) > 2 * RecordingSettings.spread:
                 self._spread, self._stride = self._spread[::2], 2 * self._stride
 
-    def _count_limits(self, moment_Nm: float, row: int) -> None:
-        """Note the smallest and the largest moment so far, and the rows that have exactly these."""
-        low, high = self._limits
-        self._limits = min(low, moment_Nm), max(high, moment_Nm)
-        if self._limits != (low, high):
-            self._at = {value: rows for value, rows in self._at.items() if value in self._limits}
-        if moment_Nm in self._limits:
-            self._at.setdefault(moment_Nm, []).append(row)
-
     def _moved(self, now: np.ndarray, before: np.ndarray) -> bool:
         """Whether the antenna has moved by the readings (8,)."""
         off = np.abs(now - before)
@@ -279,37 +268,58 @@ class RecordingWatch:
             coarse, recorded = self._coarse(recorded)
             saturated, recorded = self._saturated(recorded)
             rows += [row for _, own in saturated for row in own]
-            found += [*coarse, *(one for one, _ in saturated)]
+            unlike, late = self._unlike()
+            if any(one.grave for one in unlike) and not late:
+                recorded = recorded.without_moments()
             case = Case.of(recorded, axes_of(recorded.rig, CHANGES)[0])
-            rounds, _ = explained(case, TABLE)
+            rounds, left = explained(case, TABLE)
+            of_other_rows = {"moment_late", "pictures_late", "clock_offset", "joints_late"}
+            if late and not {one.diagnosis.name for best in rounds for one in best} & of_other_rows:
+                case = Case.of(recorded.without_moments(), axes_of(recorded.rig, CHANGES)[0])
+                rounds, left = explained(case, TABLE)
+            elif late:
+                unlike = []
+            coarse = [*coarse, *unlike]
+            found += [*coarse, *(one for one, _ in saturated)]
             causes, log_odds = [joined(best) for best in rounds], rounds[0][0].log_odds if rounds else 0.0
             grave = [best[0] for best in rounds if best[0].diagnosis.grave]
             # a cause of all is one of single rows, too
             found = found if grave else [*found, *self._of_rows()]
             found = [*causes, *found] if not found or not found[0].grave else [*found, *causes]
-            found += [*self._scatter(case, causes), *([] if grave else _untested(case))]
+            found += [
+                *self._scatter(case, causes),
+                *([] if grave or any(one.grave for one in unlike) else _untested(case)),
+            ]
             begins = [one.first for one in grave] + [0] * any(one.grave for one in coarse)
-            if not grave and (left := self._unexplained(case)) is not None:
-                found.append(left)
-                begins += [0] * left.grave
+            if (rest := self._unexplained(left, bool(grave))) is not None:
+                found.append(rest)
+                begins += [0] * rest.grave
             first = min(begins, default=None)
         return RecordingVerdict(Verdict.of(found), first, frozenset(rows), log_odds)
 
     def _saturated(self, recorded: Recorded) -> tuple[list[tuple[Diagnosis, list[int]]], Recorded]:
-        """Moments at the end of the sensor's range, with their rows, and the frames without these readings."""
-        found, read = list[tuple[Diagnosis, list[int]]](), recorded.batch.readings_Nm
-        for value in self.limits:
-            side = "largest" if value == self._limits[1] else "smallest"
-            at, others = np.flatnonzero(read[:, 0] == value), read[:, 0][~np.isin(read[:, 0], self.limits)]
-            rows, enough = self._at[value], RecordingSettings.fewest
-            fine = len(others) >= enough and len(np.unique(others)) > RecordingSettings.distinct * len(others)
-            many = len(at) > 0 and len(rows) >= RecordingSettings.at_limit_share * self.count
-            if not (fine or (many and self._beyond(recorded.picked(at), value, side == "largest"))):
+        """Moments at the end of the sensor's range, or at which it stops at times, with their rows, and the
+        frames without these readings."""
+        settings, found, read = RecordingSettings, list[tuple[Diagnosis, list[int]]](), recorded.batch.readings_Nm
+        every, repeated = np.array(self._moments), self._repeated_moments
+        others = every[np.isfinite(every) & ~np.isin(every, list(repeated))]
+        fine = len(others) >= settings.fewest and len(np.unique(others)) > settings.distinct * len(others)
+        for value in self.standing:
+            at, rows = np.flatnonzero(read[:, 0] == value), repeated[value]
+            largest = value == np.nanmax(every)
+            many = len(at) > 0 and len(rows) >= settings.at_limit_share * self.count
+            if not (fine or (many and value in self.limits and self._beyond(recorded.picked(at), value, largest))):
                 continue  # the readings have few digits
-            words = f"{len(rows)} of {self.count} moments are exactly the {side}, {value:.4g} N·m"
-            words = f"{words}: the sensor is at the end of its range"
-            remedy = "press less, or use a sensor or amplifier with more range"
-            found.append((Diagnosis("moment_saturated", words, remedy, "wrong"), rows))
+            words = f"{len(rows)} of {self.count} moments are exactly"
+            if value in self.limits and value != 0.0:
+                words = f"{words} the {'largest' if largest else 'smallest'}, {value:.4g} N·m"
+                words = f"{words}: the sensor is at the end of its range"
+                remedy = "press less, or use a sensor or amplifier with more range"
+                found.append((Diagnosis("moment_saturated", words, remedy, "wrong"), rows))
+            else:
+                words = f"{words} {value:.4g} N·m, and hardly any others alike: the sensor gave no reading there"
+                remedy = "look for loose contacts, for a threshold, and for a range that ends there"
+                found.append((Diagnosis("moment_stuck", words, remedy, "wrong"), rows))
             read = read.copy()
             read[read[:, 0] == value, 0] = np.nan
         return found, recorded.with_readings(readings_Nm=read)
@@ -320,7 +330,7 @@ class RecordingWatch:
         settings, std = RecordingSettings, recorded.rig.moment_sensor.std_Nm
         read = recorded.batch.readings_Nm[:, 0]
         series = np.column_stack([recorded.around[:, 0, ::-1, 0], read, recorded.around[:, 1, :, 0]])
-        values = np.unique(series[np.isfinite(series) & ~np.isin(series, self.limits)])
+        values = np.unique(series[np.isfinite(series) & ~np.isin(series, self.standing)])
         if len(values) < settings.fewest_values:
             return [], recorded
         step = float(np.diff(values).min())
@@ -332,7 +342,7 @@ class RecordingWatch:
             found = _as_severe("moment_rounded", words, remedy, step / std)
             return found, replace(recorded, rig=replace(recorded.rig, moment_sensor=sensor)) if found else recorded
         change = np.diff(series, axis=1)
-        kept = (change == 0.0) & ~np.isin(series[:, 1:], self.limits)
+        kept = (change == 0.0) & ~np.isin(series[:, 1:], self.standing)
         share = kept.sum() / np.isfinite(change).sum()
         if not share > settings.kept:
             return [], recorded
@@ -345,6 +355,41 @@ class RecordingWatch:
         readings = np.where(old[:, None], np.nan, recorded.batch.readings_Nm)
         found = _as_severe("moment_kept", words, "read the sensor with each picture, or interpolate by time", moved)
         return found, recorded.with_readings(readings_Nm=readings) if found else recorded
+
+    def _unlike(self) -> tuple[list[Diagnosis], bool]:
+        """Diagnosis of moments that do not change with the pictures, and whether they are those of known other rows."""
+        self._compare()
+        settings, std = RecordingSettings, self.rig.moment_sensor.std_Nm
+        lateral = np.concatenate(self._lateral or [np.empty((0, settings.places))])
+        moments = np.array(self._moments)
+        moments[np.isin(moments, self.standing)] = np.nan
+        if not (self.rig.moment_sensor.exists and self._in_time and len(moments) == len(lateral)):
+            return [], False
+        noise = _scatter_std(lateral, moments) / std
+        if noise > settings.noisy_std:
+            words = (
+                f"the moments leap by {noise:.0f} standard deviations of their noise from row to row while the "
+                "pictures hardly change"
+            )
+            remedy = "look for loose contacts and hum, and whether the column is the moment, row by row"
+            return [Diagnosis("moment_noise", words, remedy, "wrong")], False
+        found = _following(lateral, moments, std)
+        if found is None or found[0] < DecisionSettings.least_doubt:
+            return [], False
+        log_odds, late_rows, filtered = found
+        severity: Severity = "wrong" if log_odds > DecisionSettings.least_log_odds else "doubt"
+        if late_rows:
+            apart = f"{abs(late_rows):.2g} row{'s' * (abs(late_rows) != 1.0)}"
+            when = "after" if late_rows > 0.0 else "before"
+            words = f"the moments change about {apart} {when} their pictures do"
+            if filtered:
+                words = f"the moments follow their pictures as through a filter, with a time constant of {apart}"
+            remedy = "take stamps of one clock, and no filter"
+            return [Diagnosis("moment_late", words, remedy, severity)], severity == "wrong" and not filtered
+        words = "the moments do not change when their pictures do: they are of other rows, or filtered, or no moments"
+        return [
+            Diagnosis("moment_dead", words, "check sensor, columns and clocks, or give --no-moment", severity)
+        ], False
 
     def _beyond(self, some: Recorded, value: float, largest: bool) -> bool:
         """Whether pictures of some frames require a moment beyond `largest`."""
@@ -412,10 +457,28 @@ class RecordingWatch:
         return [Diagnosis("moment_spikes", words, remedy)]
 
     @property
+    def _repeated_moments(self) -> dict[float, list[int]]:
+        """Moments that several rows share exactly, with these rows."""
+        moments = np.array(self._moments)
+        values, counts = np.unique(moments[np.isfinite(moments)], return_counts=True)
+        often = values[counts >= RecordingSettings.at_limit].tolist() if len(values) > 1 else []
+        return {value: np.flatnonzero(moments == value).tolist() for value in often}
+
+    @property
     def limits(self) -> tuple[float, ...]:
         """Moments at which the sensor may be at the end of its range."""
-        enough, varies = RecordingSettings.at_limit, self._limits[1] > self._limits[0]
-        return tuple(value for value in self._limits if varies and len(self._at.get(value, ())) >= enough)
+        moments = np.array(self._moments)
+        ends = (np.nanmin(moments), np.nanmax(moments)) if np.isfinite(moments).any() else ()
+        return tuple(value for value in self._repeated_moments if value in ends)
+
+    @property
+    def standing(self) -> tuple[float, ...]:
+        """These, and the one moment between them at which the sensor stops at times."""
+        repeated = self._repeated_moments
+        within = [value for value in repeated if value not in self.limits]
+        # several: the readings have few digits, or are read seldom; 0 is what many write where there is no reading
+        alone = len(within) == 1 and (within[0] == 0.0 or len(repeated[within[0]]) >= RecordingSettings.fewest_standing)
+        return (*self.limits, *within) if alone else self.limits
 
     def _scatter(self, case: Case, causes: Sequence[Diagnosis]) -> list[Diagnosis]:
         """Diagnoses of standard deviations that are too small, and of shapes that are not this antenna's."""
@@ -442,8 +505,8 @@ class RecordingWatch:
             found.append(Diagnosis("antenna_bent", words, remedy))
         return found
 
-    def _unexplained(self, case: Case) -> Diagnosis | None:
-        """Diagnosis of frames that nothing in the table explains."""
+    def _unexplained(self, case: Case, corrected: bool) -> Diagnosis | None:
+        """Diagnosis of frames that nothing in the table explains, in a case with or without something put right."""
         lost = case.lost
         (first, *_), least = case.splits, RecordingSettings.fewest // 2
         later = lost.sum() >= least and lost[first:].mean() > RecordingSettings.contradicting
@@ -457,6 +520,8 @@ class RecordingWatch:
             else "the shapes are not those of this antenna"
         )
         words = f"{lost.sum()} of {len(lost)} frames examined fit no contact, and no single cause explains it: {block}"
+        if corrected:
+            words = f"with that put right {words}"
         remedy = "look at the frames with --overlay, and run vbaa check with a free antenna"
         return Diagnosis(
             "unexplained", words, remedy, "wrong" if lost.mean() > RecordingSettings.contradicting else "doubt"
@@ -480,6 +545,10 @@ def _untested(case: Case) -> list[Diagnosis]:
     if recorded.rig.moment_sensor.exists and not np.isfinite(recorded.batch.readings_Nm[:, 0]).any():
         words = "no moment was read: forces along the line of sight, and a sensor's faults, go unnoticed"
         found.append(Diagnosis("no_readings", words, "give moment_Nm where there is a sensor", "note"))
+    elif recorded.rig.moment_sensor.exists and _unpredicted(case):
+        words = "not tested, and forces along the line of sight depend on it: the moment sensor's gain, zero and filter"
+        remedy = "record with a camera that leans across the antenna, or press against a known force"
+        found.append(Diagnosis("moment_untested", words, remedy, "note"))
     joints = np.ptp(np.stack([recorded.batch.pan_rad, recorded.batch.tilt_rad]), axis=1).max()
     if joints == 0.0:
         pan, tilt = recorded.batch.pan_rad[0], recorded.batch.tilt_rad[0]
@@ -490,6 +559,16 @@ def _untested(case: Case) -> list[Diagnosis]:
         remedy = "begin with ten frames of the free antenna over 20° of tilt or more"
         found.append(Diagnosis("joints_untested", words, remedy, "note"))
     return found
+
+
+def _unpredicted(case: Case) -> bool:
+    """Whether most pictures do not predict the moments that were read."""
+    read = case.recorded.batch.readings_Nm[:, 0]
+    there = np.isfinite(read)
+    if there.sum() < RecordingSettings.fewest_moments:
+        return False
+    _, own = case.recorded.without_moments().fit.moments
+    return bool(np.median(own[there]) > RecordingSettings.knows * float(np.ptp(read[there])))
 
 
 def _same_picture(measured: Measured, before: Measured) -> bool:
@@ -562,6 +641,89 @@ def _leaps(
     off_line = size > settings.jump_sigma * sigma_px[1:-1]
     spikes = off[:, 0] > settings.spike_share * change[:, 0] + settings.spike_std * moment_std_Nm
     return (size > settings.jumps * apart) & off_line, smooth, spikes & ~off_line & np.isfinite(size)
+
+
+def _following(lateral_px: np.ndarray, moments_Nm: np.ndarray, std_Nm: float) -> tuple[float, float, bool] | None:
+    """Log odds of moments (N,) that belong to pictures (N, K) of other rows, or come through a low-pass filter; by how
+    many rows they are late (negative: early), or the filter's time constant in rows, 0 where no number stands out; and
+    whether it is a filter. None where too few rows decide.
+
+    In a few rows, of one push in one direction, the moment is about linear in the two largest components of what the
+    pictures show. Those of other rows fit as well only where the moments are not this antenna's of that time.
+    """
+    settings, count = RecordingSettings, len(moments_Nm)
+    shape = _components(lateral_px)
+    most = min(settings.lag_most, count // settings.least_lags)
+    if shape is None or most < 1:
+        return None
+    starts = np.arange(most, count - settings.window - most + 1, settings.window // 2)
+    rows = starts[spread_evenly(len(starts), settings.most_windows), None] + np.arange(settings.window)
+    # nothing follows from a moment that hardly changes
+    rows = rows[np.ptp(moments_Nm[rows], axis=1) > settings.bends_std * std_Nm]
+    read, floor = moments_Nm[rows], 0.5 * settings.varies_std * std_Nm
+    lags, kept = np.delete(np.arange(-most, most + 1), most), np.exp(-1.0 / np.array(settings.filters_rows))
+    before = moments_Nm[rows - 1]
+    own, *others = [
+        *(_misfits(shape[rows - lag], read, floor) for lag in (0, *lags)),
+        *(_misfits(shape[rows], (read - part * before) / (1.0 - part), floor) for part in kept),
+    ]
+    gained = own - np.array(others)
+    gained = gained[:, np.isfinite(gained).all(axis=0)]
+    if gained.shape[1] < settings.fewest_windows:
+        return None
+    late, sharper = np.split(gained.sum(axis=1), [len(lags)])
+    odds = [float(np.logaddexp.reduce(each) - np.log(len(each))) for each in (late, sharper)]
+    if odds[1] > odds[0]:
+        return odds[1], settings.filters_rows[int(np.argmax(sharper))], True
+    best = int(np.argmax(late))
+    lead = late[best] - late[np.abs(lags - lags[best]) > 1].max(initial=-np.inf)
+    return odds[0], float(lags[best]) if lead > settings.hinted else 0.0, False
+
+
+def _components(lateral_px: np.ndarray) -> np.ndarray | None:
+    """(N, 2) two largest components of pictures (N, K) by the places that most of them show; NaN in other rows."""
+    visible = np.isfinite(lateral_px)
+    places = visible.mean(axis=0) > RecordingSettings.seen_share
+    rows = visible[:, places].all(axis=1)
+    if places.sum() < RecordingSettings.fewest_places or rows.sum() < RecordingSettings.fewest:
+        return None
+    off = lateral_px[:, places].astype(float)
+    off -= np.median(off[rows], axis=0)
+    _, directions = np.linalg.eigh(off[rows].T @ off[rows])
+    found = off @ directions[:, -2:]
+    return np.asarray(found / np.maximum(np.std(found[rows], axis=0), 1e-9))
+
+
+def _misfits(shapes: np.ndarray, moments: np.ndarray, floor: float) -> np.ndarray:
+    """(W,) negative log likelihoods of moments (W, n) that are linear in shapes (W, n, 2) with a scatter of their
+    own, at least `floor`; NaN where a picture lacks."""
+    design = np.concatenate([np.ones((*moments.shape, 1)), shapes], axis=-1)
+    whole = np.isfinite(design).all(axis=(1, 2))
+    design = np.where(whole[:, None, None], design, 0.0)
+    normal = np.einsum("wip,wiq->wpq", design, design) + 1e-6 * np.eye(design.shape[-1])
+    found = np.linalg.solve(normal, np.einsum("wip,wi->wp", design, moments)[..., None])
+    left = moments - (design @ found)[..., 0]
+    free = moments.shape[1] - design.shape[-1]
+    # windows overlap by half
+    cost = 0.25 * free * np.log((left**2).sum(axis=1) / free + floor**2)
+    return np.where(whole, cost, np.nan)
+
+
+def _scatter_std(lateral_px: np.ndarray, moments_Nm: np.ndarray) -> float:
+    """Standard deviation of moments (N,) from row to row in the half of the rows with pictures (N, K) that change
+    least; NaN where these are few."""
+
+    def bends(values: np.ndarray) -> np.ndarray:
+        return np.asarray(values[1:-1] - 0.5 * (values[:-2] + values[2:]))
+
+    square, off = bends(lateral_px) ** 2, bends(moments_Nm)
+    compared = np.isfinite(square).sum(axis=1) >= RecordingSettings.fewest_places
+    compared &= np.isfinite(off)
+    if compared.sum() < 2 * RecordingSettings.fewest:
+        return float("nan")
+    size = np.nanmean(square[compared], axis=1)
+    calm = np.abs(off[compared][size <= np.median(size)])
+    return float(np.median(calm) / 0.6745 / np.sqrt(1.5))
 
 
 def _exchanged(lateral_px: np.ndarray, jumps: Sequence[int], sigma_px: float) -> list[tuple[float, int, int]]:
