@@ -14,8 +14,8 @@ namespace {
 
 constexpr int ITERATIONS = 40;
 // A step with a smaller predicted decrease of the cost is the last one, and taken undamped: a twentieth of a standard
-// deviation, or eight.
-constexpr double TOLERANCE = 1e-3, COARSE_TOLERANCE = 30.0;
+// deviation, or three.
+constexpr double TOLERANCE = 1e-3, COARSE_TOLERANCE = 4.0;
 // Change of the distance or the tip's deflection, in antenna lengths, after which the rig's derivatives are renewed.
 constexpr double FAR = 0.005;
 // A smaller rise of the cost counts as none: it is not known better while the feet are not yet the nearest.
