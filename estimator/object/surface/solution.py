@@ -180,20 +180,11 @@ def _block_diagonal(blocks: list[np.ndarray]) -> np.ndarray:
 def _inverse_of_lower(lower: np.ndarray) -> np.ndarray:
     """(N, N) inverse of a lower triangle, by halves. SciPy's, which a report would load for it alone, takes longer to
     load than hundreds of contacts to solve."""
-    inverse = np.zeros_like(lower)
-
-    def invert(begin: int, end: int) -> None:
-        if end - begin < 48:
-            inverse[begin:end, begin:end] = np.tril(np.linalg.inv(lower[begin:end, begin:end]))
-            return
-        half = (begin + end) // 2
-        invert(begin, half)
-        invert(half, end)
-        below = lower[half:end, begin:half] @ inverse[begin:half, begin:half]
-        inverse[half:end, begin:half] = -inverse[half:end, half:end] @ below
-
-    invert(0, len(lower))
-    return inverse
+    half = len(lower) // 2
+    if half < 24:
+        return np.tril(np.linalg.inv(lower))
+    first, last = _inverse_of_lower(lower[:half, :half]), _inverse_of_lower(lower[half:, half:])
+    return np.block([[first, np.zeros((half, len(last)))], [-last @ (lower[half:, :half] @ first), last]])
 
 
 def _factor(matrix: np.ndarray) -> np.ndarray:
