@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import subprocess
@@ -17,6 +16,7 @@ from estimator.table.files import read_contacts
 from vbaa_calib.rig import Rig
 
 from . import determinism_run
+from .csv_files import read_rows
 
 ROOT = Path(__file__).parents[1]
 NOT_OF_THE_RESULT = ("command", "versions")
@@ -80,7 +80,9 @@ def test_threads_do_not_matter(first: Path, tmp_path: Path, threads: int) -> Non
         found = apart(*pair)
         assert found.statuses == []
         assert found.most <= CLOSE, found.where
-    assert [statuses(folder) for folder in (first, other)] == [["no_contact", "ok", "ok", "no_contact"]] * 2
+    for folder in (first, other):
+        statuses = [row["status"] for row in read_rows(folder / "contacts.csv")]
+        assert statuses == ["no_contact", "ok", "ok", "no_contact"]
 
 
 @pytest.mark.slow
@@ -90,8 +92,3 @@ def test_pictures_do_not_depend_on_threads(first: Path, tmp_path: Path) -> None:
         {name: data for name, data in results(folder).items() if "session" in name} for folder in (first, other)
     )
     assert mine == theirs
-
-
-def statuses(folder: Path) -> list[str]:
-    with (folder / "contacts.csv").open() as stream:
-        return [row["status"] for row in csv.DictReader(stream)]

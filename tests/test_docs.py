@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import csv
 import io
 import pydoc
 import re
@@ -29,6 +28,7 @@ from vbaa_calib.core.files import read_yaml
 from vbaa_calib.rig import Rig
 
 from .calibrate.test_hand_eye import POINTS, Arm, lens, views_and_poses
+from .csv_files import read_rows
 from .small_scene import simulated, small_rig
 
 ROOT = Path(__file__).parents[1]
@@ -196,8 +196,7 @@ def given(folder: Path) -> dict[str, Any]:
 
 def rows(path: Path) -> list[dict[str, float]]:
     """A CSV of numbers."""
-    with path.open(encoding="utf-8", newline="") as lines:
-        return [{name: float(value) for name, value in row.items()} for row in csv.DictReader(lines)]
+    return [{name: float(value) for name, value in row.items()} for row in read_rows(path)]
 
 
 def commands(path: Path) -> Iterator[tuple[str, bool]]:

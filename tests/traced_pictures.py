@@ -6,7 +6,6 @@ Made from sessions that `vbaa simulate SCENE --render mitsuba --labels` wrote, t
 
 from __future__ import annotations
 
-import csv
 import json
 import sys
 from dataclasses import dataclass
@@ -16,6 +15,8 @@ import cv2
 import numpy as np
 
 from vbaa_calib.core.files import read_json
+
+from .csv_files import read_rows
 
 FOLDER = Path(__file__).parent / "traced"
 _QUALITY = 92
@@ -78,12 +79,10 @@ def _add(session: Path, images: tuple[str, ...]) -> dict[str, dict]:
     """Write the JPEGs of some of a session's pictures. Returns their truth by name."""
     traced = read_json(session / "truth.json")["traced"]
     lines: dict[str, list[list[float]]] = {}
-    with (session / "labels/centrelines.csv").open() as table:
-        for row in csv.DictReader(table):
-            values = [float(row[name]) for name in ("u_px", "v_px", "width_px", "visible")]
-            lines.setdefault(row["image"], []).append(values)
-    with (session / "labels/contacts.csv").open() as table:
-        touched = {row["image"]: row["in_contact"] == "1" for row in csv.DictReader(table)}
+    for row in read_rows(session / "labels/centrelines.csv"):
+        values = [float(row[name]) for name in ("u_px", "v_px", "width_px", "visible")]
+        lines.setdefault(row["image"], []).append(values)
+    touched = {row["image"]: row["in_contact"] == "1" for row in read_rows(session / "labels/contacts.csv")}
     free = np.array(lines["noload/noload_000.png"])[::_STEP]
     truth = {}
     for image in images:

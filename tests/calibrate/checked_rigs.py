@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import shutil
 from dataclasses import replace
 from functools import cache
@@ -26,6 +25,7 @@ from vbaa_calib.simulate.scene.scene_file import load_scene
 from vbaa_calib.simulate.shots import render_shot
 from vbaa_calib.simulate.write import _session_yaml
 
+from ..csv_files import write_rows
 from ..made_once import made_once
 
 PARTS = ("intrinsics", "plane", "noload", "loads")
@@ -218,8 +218,5 @@ def month_later(scene: SceneSpec, folder: Path, parts: tuple[str, ...] = PARTS) 
             cv2.imwrite(str(folder / shot.path), picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])
     for name, rows in planned.tables.items():
         if name.partition("/")[0] in parts:
-            with (folder / name).open("w", newline="") as table:
-                writer = csv.DictWriter(table, list(rows[0]))
-                writer.writeheader()
-                writer.writerows(rows)
+            write_rows(folder / name, rows)
     return folder

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import re
 from collections.abc import Callable
@@ -23,6 +22,7 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.scene.scene import SceneSpec
 from vbaa_calib.simulate.write import _session_yaml
 
+from ..csv_files import read_rows, write_rows
 from .checked_rigs import (
     QUALITY,
     answers,
@@ -158,11 +158,7 @@ def test_a_camera_that_moved_is_found_where_everything_shares_errors(tmp_path: P
 def with_loads(session: Path, change: Callable[[int, dict[str, str]], dict[str, str]]) -> None:
     """Change cells of a session's loads.csv, by row."""
     path = session / "loads" / "loads.csv"
-    rows = [row | change(index, row) for index, row in enumerate(csv.DictReader(path.open()))]
-    with path.open("w", newline="") as stream:
-        writer = csv.DictWriter(stream, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
+    write_rows(path, [row | change(index, row) for index, row in enumerate(read_rows(path))])
 
 
 def test_a_load_noted_wrong_is_named(made: SimpleNamespace, tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from functools import cache
 from pathlib import Path
@@ -19,6 +18,8 @@ from vbaa_calib.calibrate.photo.stiffness import PhotoSetting, PhotoStiffness, s
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.images import read_gray, read_picture
 from vbaa_calib.core.polyline import offsets_from
+
+from ..csv_files import read_rows
 
 DATA = Path(__file__).parents[3] / "shared/data"
 HAND = Path(__file__).with_name("hand_drawn_centrelines.csv")
@@ -116,7 +117,7 @@ def hand_drawn() -> dict[str, np.ndarray]:
     """Picture → (N, 2) middles between the edges that a person marked: yarns of 10 cm as lines along 84 rows, the
     others as chords. Chords of 10cm_4 marked twice agree within 0.7 px, chords and lines of a yarn within 2 px."""
     middles: dict[str, list[np.ndarray]] = {}
-    for row in csv.DictReader(HAND.read_text().splitlines()):
+    for row in read_rows(HAND):
         if row["drawing"] == ("2" if row["picture"].startswith("10cm") else "1"):
             one, other = (np.array([float(row[f"{name}{axis}_px"]) for axis in "uv"]) for name in ("", "other_"))
             middles.setdefault(row["picture"], []).append(0.5 * (one + other))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -26,6 +25,7 @@ from vbaa_calib.simulate.scene.scene import SceneSpec, bundled_scene
 from vbaa_calib.simulate.scene.scene_file import load_scene
 from vbaa_calib.simulate.write import _drawn_pictures, _write_sweep
 
+from ..csv_files import read_rows
 from .synthetic_views import CENTRE, SPEC, board_view, project_board
 
 SIZE = (1280, 960)
@@ -186,8 +186,7 @@ def test_a_drawn_sweep_gives_the_scenes_camera(small_scene: SceneSpec, tmp_path:
     place = studio(scene.lens, scene.picture, stream(scene, "bench"))
     sheet = print_sheet(scene.board)
     true_board = _write_sweep(scene, _drawn_pictures(scene, place, sheet), sheet, tmp_path)
-    with (tmp_path / "sweep" / "sweep.csv").open() as table:
-        rows = list(csv.DictReader(table))
+    rows = read_rows(tmp_path / "sweep" / "sweep.csv")
     pictures = [
         Still(tmp_path / "sweep" / row["image"], float(row["pan_rad"]), float(row["tilt_rad"]), np.nan) for row in rows
     ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import re
 from pathlib import Path
@@ -14,6 +13,7 @@ import pytest
 from vbaa_calib.core.errors import Diagnosis, Verdict
 from vbaa_calib.rig import Rig
 
+from ..csv_files import read_rows, write_rows
 from .conftest import PICTURES, Call, grey, noise, refused, repaint
 
 
@@ -30,7 +30,7 @@ def test_vision_alone(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> N
     assert said.code == 0
     assert "4 of 4 frames have no moment reading: vision alone there" in said.err
     assert told.read_text() == silent.read_text()
-    rows = list(csv.DictReader(told.read_text().splitlines()))
+    rows = read_rows(told)
     assert len(rows) == 4
     assert not any(row["moment_residual_Nm"] for row in rows)
 
@@ -46,7 +46,7 @@ def test_a_background_is_taken_off_every_picture(vbaa: Call, session: Path, rig:
     contacts = tmp_path / "contacts.csv"
     call = ("estimate", session, "--rig", rig, "--no-report", "-o", contacts, "--force", "--background")
     assert vbaa(*call, tmp_path / "empty.png").code == 0
-    statuses = [row["status"] for row in csv.DictReader(contacts.read_text().splitlines())]
+    statuses = [row["status"] for row in read_rows(contacts)]
     assert statuses == ["no_contact", "ok", "ok", "no_contact"]
     cv2.imwrite(str(tmp_path / "small.png"), bars[::2, ::2])
     said = vbaa(*call, tmp_path / "small.png")
@@ -59,7 +59,7 @@ def test_a_frame_without_an_antenna_stays_in_the_table(vbaa: Call, session: Path
     repaint("recording/frame_0002.png", noise)(session)
     contacts = tmp_path / "contacts.csv"
     assert vbaa("estimate", session, "--rig", rig, "--no-report", "-o", contacts).code == 0
-    rows = list(csv.DictReader(contacts.read_text().splitlines()))
+    rows = read_rows(contacts)
     assert [row["frame"] for row in rows] == ["0", "1", "2", "3"]
     assert [row["status"] for row in rows] == ["no_contact", "no_antenna", "no_antenna", "no_contact"]
     assert all(row["reason"] for row in rows)
@@ -80,11 +80,8 @@ VERBS = {
 
 def rewritten(path: Path, **factors: float) -> None:
     """A table with columns multiplied."""
-    rows = list(csv.DictReader(path.open()))
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(row | {name: float(row[name]) * factor for name, factor in factors.items()} for row in rows)
+    rows = read_rows(path)
+    write_rows(path, [row | {name: float(row[name]) * by for name, by in factors.items()} for row in rows])
 
 
 def test_a_wrong_calibration_says_so_everywhere(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:
@@ -157,8 +154,7 @@ def test_every_frame_has_its_picture_and_its_place_on_the_page(
     assert vbaa("estimate", session, "--rig", rig, "--no-report", "-o", plain).code == 0
     assert plain.read_bytes() == contacts.read_bytes()
     assert said.result["overlay"] == str(target)
-    with contacts.open(newline="") as stream:
-        rows = list(csv.DictReader(stream))
+    rows = read_rows(contacts)
     expected = [f"frame_{int(row['frame']):06d}_{row['status']}.jpg" for row in rows]
     assert {row["status"] for row in rows} >= {"ok", "no_antenna"}
     assert left(target) == {*expected, "thumbnails", "index.html"}

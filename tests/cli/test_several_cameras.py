@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import shutil
 from collections.abc import Callable
@@ -19,6 +18,7 @@ from vbaa_calib.simulate.scene.lens import Lens
 from vbaa_calib.simulate.scene.scene import bundled_scene
 from vbaa_calib.streams.bag_of_session import write_recording
 
+from ..csv_files import read_rows
 from ..made_once import made_once
 from ..small_scene import calibrated
 
@@ -48,11 +48,6 @@ def two_cameras() -> Path:
 @pytest.fixture(scope="module")
 def made() -> Path:
     return two_cameras()
-
-
-def _rows(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8", newline="") as table:
-        return list(csv.DictReader(table))
 
 
 def _truth(made: Path) -> dict:
@@ -90,7 +85,7 @@ def test_contacts_of_both_are_better_than_of_one(made: Path, tmp_path: Path) -> 
     out = tmp_path / "contacts.csv"
     rig, session, truth = made / "rig.json", made / "session", _truth(made)["frames"]
     assert main(["estimate", str(session), "--rig", str(rig), "-o", str(out), "--no-report"]) == 0
-    rows = _rows(out)
+    rows = read_rows(out)
     touched = [(row, frame) for row, frame in zip(rows, truth, strict=True) if frame["in_contact"]]
     assert {row["status"] for row, _ in touched} == {"ok"}
     for row, frame in touched:
@@ -130,14 +125,14 @@ def test_streams_give_the_contacts_of_the_session(
     for source in (str(session), bag, table):
         out = tmp_path / f"{len(contacts)}.csv"
         assert main(["estimate", source, "--rig", rig, "-o", str(out), *tail]) == 0
-        contacts.append([row | {"time_s": ""} for row in _rows(out)])
+        contacts.append([row | {"time_s": ""} for row in read_rows(out)])
     assert contacts[0] == contacts[1] == contacts[2]
     assert main(["estimate", bag, "--rig", rig, "-o", str(out), *tail, "--topic", "middle=/x"]) == 2
     assert "cameras left, right" in capsys.readouterr().err
 
     def live(change: Callable[[dict], dict]) -> list[dict[str, str]]:
         lines = []
-        for row in _rows(recording / "recording.csv"):
+        for row in read_rows(recording / "recording.csv"):
             read = {name: float(row[name]) for name in ("time_s", "moment_Nm", "pan_rad", "tilt_rad")}
             image = change({name: str(recording / row[f"image_{name}"]) for name in CAMERAS})
             lines.append(json.dumps(read | {"image": image}))
@@ -145,7 +140,7 @@ def test_streams_give_the_contacts_of_the_session(
         with (tmp_path / "lines").open() as stream:
             monkeypatch.setattr("sys.stdin", stream)
             assert main(["live", rig, "-", "-o", str(out), "--force"]) == 0
-        return [row | {"time_s": ""} for row in _rows(out)]
+        return [row | {"time_s": ""} for row in read_rows(out)]
 
     assert live(lambda image: image) == contacts[0]
     alone = live(lambda image: {"right": image["right"]})
@@ -165,7 +160,7 @@ def test_a_camera_without_a_picture_drops_out_of_the_frame(made: Path, tmp_path:
     _edited(table, lambda lines: [*lines[:3], lines[3].replace("right/frame_0002.png", ""), *lines[4:]])
     call = ["estimate", str(session), "--rig", str(made / "rig.json"), "-o", str(out), "--no-report", "--force"]
     assert main(call) == 0
-    row = _rows(out)[2]
+    row = read_rows(out)[2]
     assert row["status"] == "ok"
     assert "right: there is no picture" in row["reason"]
     _edited(table, lambda lines: [*lines[:3], lines[3].replace("left/frame_0002.png", ""), *lines[4:]])

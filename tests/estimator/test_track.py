@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,6 +19,8 @@ from estimator.object.track import Event, Track, follow, smooth
 from estimator.table.contacts import ContactRow, ContactTable
 from estimator.table.files import write_contacts
 from vbaa_calib.geometry import Kinematics
+
+from ..csv_files import read_rows
 
 RATE_HZ = 30.0
 TILT_RAD = 0.2
@@ -293,8 +294,7 @@ def test_events_and_frames_are_written(tmp_path: Path, capsys: pytest.CaptureFix
     said = capsys.readouterr().err
     assert "the contact begins to slip" in said
     assert "is undetermined" in said
-    with (tmp_path / "track.csv").open(newline="") as stream:
-        rows = list(csv.DictReader(stream))
+    rows = read_rows(tmp_path / "track.csv")
     assert tuple(rows[0]) == COLUMNS
     assert {row["phase"] for row in rows} >= {"sliding", "sticking"}
     assert float(rows[30]["slip_m_s"]) == pytest.approx(15e-3, rel=0.1)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -17,6 +15,7 @@ from hypothesis import strategies as st
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_yaml
 
+from ..csv_files import read_rows
 from ..hostile import damage as d
 from ..hostile.every_file import TO_TEXTS
 from .fuzz import READERS, SEEDS, outcome, runs
@@ -114,7 +113,7 @@ def test_a_number_that_is_none_is_refused_by_its_key(name: str, folder: Path, dr
 @OFTEN
 @given(draw=st.data())
 def test_a_cell_that_is_no_number_is_refused_by_line_and_column(name: str, folder: Path, draw: st.DataObject) -> None:
-    rows = list(csv.DictReader(io.StringIO((folder / READ[name].file).read_text())))
+    rows = read_rows(folder / READ[name].file)
     column = draw.draw(st.sampled_from(TABLES[name]))
     line = 2 + draw.draw(st.sampled_from([number for number, row in enumerate(rows) if row[column]]))
     words = refusal(name, folder, d.cell(line, column, draw.draw(st.sampled_from(NO_CELLS))))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import functools
 import hashlib
 import json
@@ -21,6 +20,8 @@ from vbaa_calib.simulate.plan import AntennaShot, Plan, plan
 from vbaa_calib.simulate.scene.lens import project
 from vbaa_calib.simulate.scene.scene import SceneSpec, _bundled_names, bundled_scene, true_rod
 from vbaa_calib.simulate.scene.scene_file import load_scene
+
+from ..csv_files import read_rows
 
 
 @functools.cache
@@ -103,7 +104,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_does_not(written: Path, 
 
 def test_the_truth_is_consistent(written: Path) -> None:
     truth, scene = json.loads((written / "truth.json").read_text()), load_scene(_scene_file(written.parent))
-    frames, rows = truth["frames"], list(csv.DictReader((written / "recording/recording.csv").read_text().splitlines()))
+    frames, rows = truth["frames"], read_rows(written / "recording/recording.csv")
     assert truth["schema"] == "vbaa.truth/1"
     assert [frame["in_contact"] for frame in frames] == [False, True, True, True, True, False]
     assert truth["stiffness_Nm2"] == pytest.approx(scene.antenna.stiffness_Nm2 * 1.03)

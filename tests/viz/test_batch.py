@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import signal
@@ -28,6 +27,7 @@ from viz.batch.recordings import BatchRecording, recordings_of
 from viz.batch.results import Results
 from viz.batch.work import BatchSettings
 
+from ..csv_files import read_rows
 from ..recordings import write_recording, write_rig
 
 FRAMES = 60
@@ -77,8 +77,7 @@ def batch(
 
 
 def summary(results: Results) -> dict[str, dict[str, str]]:
-    with results.summary.open() as stream:
-        return {row["recording"]: row for row in csv.DictReader(stream)}
+    return {row["recording"]: row for row in read_rows(results.summary)}
 
 
 def same_bits(own: pyarrow.Table, other: pyarrow.Table) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +22,7 @@ from viz.batch.recordings import BatchRecording
 from viz.batch.results import Results
 from viz.batch.work import BatchSettings, do
 
+from ..csv_files import read_rows
 from ..made_once import made_once
 from ..recordings import DRIFT
 
@@ -87,8 +87,7 @@ def test_rows_of_a_wrong_recording_are_contradicted(
     assert results.done("one") == outcome.row
     (summary,) = results.write_summary([])
     assert summary["ok"] == 0
-    with results.summary.open() as stream:
-        (row,) = csv.DictReader(stream)
+    (row,) = read_rows(results.summary)
     assert "wrong: the moment readings" in row["verdict"]
     again = do(BatchRecording("one", folder / "turned", folder / "rig.json"), BatchSettings(), results)
     assert again.state == "unchanged"

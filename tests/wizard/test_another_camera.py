@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import shutil
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from vbaa_calib.wizard.questions import BY_KEY
 from vbaa_calib.wizard.store import Store
 
 from ..cli.test_several_cameras import two_cameras
+from ..csv_files import read_rows, write_rows
 from .small_session import answers_file, answers_with, call
 
 
@@ -22,15 +22,11 @@ def pictures_of(session: Path, camera: str, folder: Path) -> Path:
     for name in ("intrinsics", "plane", "noload", "loads"):
         shutil.copytree(session / name / camera, folder / name)
     for name in ("noload", "loads"):
-        with (session / name / f"{name}.csv").open(newline="") as stream:
-            rows = list(csv.DictReader(stream))
-        with (folder / name / f"{name}.csv").open("w", newline="") as stream:
-            others = [key for key in rows[0] if not key.startswith("image_")]
-            writer = csv.DictWriter(stream, ["image", *others])
-            writer.writeheader()
-            for row in rows:
-                own = {"image": Path(row[f"image_{camera}"]).name}
-                writer.writerow(own | {key: row[key] for key in others})
+        rows = []
+        for row in read_rows(session / name / f"{name}.csv"):
+            others = {key: value for key, value in row.items() if not key.startswith("image_")}
+            rows.append({"image": Path(row[f"image_{camera}"]).name} | others)
+        write_rows(folder / name / f"{name}.csv", rows)
     return folder
 
 
