@@ -542,6 +542,7 @@ RECORDING = (
     _row("moment 0 in 10 to 40 % of the rows", "moment_stuck", _readings(_dropped)),
     _row("moment's smallest tenth to third 0", "moment_stuck moment_kept", _readings(_dead_zone)),
     _row("moment through a filter of 1.5 to 6 rows", f"{LATE} moment_late moment_dead", _readings(_filtered)),
+    _row("pictures shuffled", "pictures_shuffled", _pictures_of(lambda count, rng: rng.permutation(count))),
     _row("moments backwards in time", "moment_late moment_dead", _readings(lambda m, rng, was: m[::-1]), DOUBTED),
 )
 """The matrix's column of recordings. Edit the names of the findings here."""

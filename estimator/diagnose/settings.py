@@ -93,13 +93,17 @@ class RecordingSettings:
     most_jumps: int = 32  # most jumps of a recording for which the right rows are sought
     series: float = 0.2  # part of jumping pictures up to which the rows are a series in time
 
-    # moments and pictures as two series in time (280 clean recordings: log odds up to 0.7, leaps up to 10 std)
+    # moments and pictures as two series in time (1,000 clean series: log odds up to 4.3, leaps up to 16 std)
     window: int = 6  # rows over which a moment is linear in its picture
     most_windows: int = 400  # windows that are compared
     fewest_windows: int = 6  # fewer windows decide nothing
     filters_rows: tuple[float, ...] = (0.6, 1.0, 1.5, 2.2, 3.5, 6.0)  # time constants of low-pass filters, rows
     least_lags: int = 8  # rows of the recording for each row of delay that is tried
     seen_share: float = 0.9  # part of the rows in which a place along the antenna must be visible
+    noisy_share: float = 0.15  # the same over the moments' own standard deviation; 0.08 in clean recordings
+    leaping: float = (
+        0.25  # part of the rows with leaping pictures and smooth readings that is wrong; 0.05 in clean ones
+    )
     noisy_std: float = 15.0  # leaps of moments over their noise, where pictures hardly change, that are wrong
 
     # when a recording is judged while it runs, and how many witnesses it may lack

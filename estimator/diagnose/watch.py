@@ -280,12 +280,14 @@ class RecordingWatch:
             elif late:
                 unlike = []
             coarse = [*coarse, *unlike]
-            found += [*coarse, *(one for one, _ in saturated)]
+            stuck = [one for one, _ in saturated if one.name == "moment_stuck"]
+            found += [*coarse, *(one for one, _ in saturated if one not in stuck)]
             causes, log_odds = [joined(best) for best in rounds], rounds[0][0].log_odds if rounds else 0.0
             grave = [best[0] for best in rounds if best[0].diagnosis.grave]
             # a cause of all is one of single rows, too
             found = found if grave else [*found, *self._of_rows()]
             found = [*causes, *found] if not found or not found[0].grave else [*found, *causes]
+            found += stuck  # at either end of the recording a wrong clock leaves the same reading, too
             found += [
                 *self._scatter(case, causes),
                 *([] if grave or any(one.grave for one in unlike) else _untested(case)),
@@ -357,26 +359,41 @@ class RecordingWatch:
         return found, recorded.with_readings(readings_Nm=readings) if found else recorded
 
     def _unlike(self) -> tuple[list[Diagnosis], bool]:
-        """Diagnosis of moments that do not change with the pictures, and whether they are those of known other rows."""
+        """Diagnosis of moments and pictures that do not change together, and whether the moments are late or early by a
+        known number of rows."""
         self._compare()
         settings, std = RecordingSettings, self.rig.moment_sensor.std_Nm
         lateral = np.concatenate(self._lateral or [np.empty((0, settings.places))])
         moments = np.array(self._moments)
         moments[np.isin(moments, self.standing)] = np.nan
-        if not (self.rig.moment_sensor.exists and self._in_time and len(moments) == len(lateral)):
+        if not (self.rig.moment_sensor.exists and self.series and len(moments) == len(lateral) and self.count > 2):
             return [], False
-        noise = _scatter_std(lateral, moments) / std
-        if noise > settings.noisy_std:
+        spread = float(np.nanstd(moments)) if np.isfinite(moments).any() else 0.0
+        smooth = settings.noisy_share * spread > max(_scatter_std(0.0 * lateral, moments), std)
+        if smooth and len(self._jumps) > settings.leaping * self.count:
             words = (
-                f"the moments leap by {noise:.0f} standard deviations of their noise from row to row while the "
+                f"in {len(self._jumps)} of {self.count} rows the picture leaps to and fro while the readings go on "
+                "smoothly: pictures of other rows, or of several cameras"
+            )
+            remedy = "look how pictures and readings are matched, and whether all pictures are of this camera"
+            return [Diagnosis("pictures_shuffled", words, remedy, "wrong")], False
+        if not self._in_time:
+            return [], False
+        noise = _scatter_std(lateral, moments)
+        if noise > settings.noisy_std * std and noise > settings.noisy_share * spread:
+            words = (
+                f"the moments leap by {noise / std:.0f} standard deviations of their noise from row to row while the "
                 "pictures hardly change"
             )
             remedy = "look for loose contacts and hum, and whether the column is the moment, row by row"
             return [Diagnosis("moment_noise", words, remedy, "wrong")], False
         found = _following(lateral, moments, std)
-        if found is None or found[0] < DecisionSettings.least_doubt:
+        if found is None:
             return [], False
         log_odds, late_rows, filtered = found
+        log_odds -= DecisionSettings.lead  # a push that follows another may look like it
+        if log_odds < DecisionSettings.least_doubt:
+            return [], False
         severity: Severity = "wrong" if log_odds > DecisionSettings.least_log_odds else "doubt"
         if late_rows:
             apart = f"{abs(late_rows):.2g} row{'s' * (abs(late_rows) != 1.0)}"
@@ -671,7 +688,9 @@ def _following(lateral_px: np.ndarray, moments_Nm: np.ndarray, std_Nm: float) ->
     gained = gained[:, np.isfinite(gained).all(axis=0)]
     if gained.shape[1] < settings.fewest_windows:
         return None
-    late, sharper = np.split(gained.sum(axis=1), [len(lags)])
+    # one place where a push follows another, which two windows see, is not counted
+    most_gained = np.sort(gained, axis=1)[:, -2:].clip(0.0)
+    late, sharper = np.split(gained.sum(axis=1) - most_gained.sum(axis=1), [len(lags)])
     odds = [float(np.logaddexp.reduce(each) - np.log(len(each))) for each in (late, sharper)]
     if odds[1] > odds[0]:
         return odds[1], settings.filters_rows[int(np.argmax(sharper))], True
