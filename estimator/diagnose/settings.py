@@ -97,13 +97,13 @@ class RecordingSettings:
     window: int = 6  # rows over which a moment is linear in its picture
     most_windows: int = 400  # windows that are compared
     fewest_windows: int = 6  # fewer windows decide nothing
+    unlike: float = 0.2  # part of the moments' range that their picture leaves unexplained, from which they are unlike
     filters_rows: tuple[float, ...] = (0.6, 1.0, 1.5, 2.2, 3.5, 6.0)  # time constants of low-pass filters, rows
     least_lags: int = 8  # rows of the recording for each row of delay that is tried
     seen_share: float = 0.9  # part of the rows in which a place along the antenna must be visible
-    noisy_share: float = 0.15  # the same over the moments' own standard deviation; 0.08 in clean recordings
-    leaping: float = (
-        0.25  # part of the rows with leaping pictures and smooth readings that is wrong; 0.05 in clean ones
-    )
+    smooth_share: float = 0.15  # most scatter of smooth moments from row to row, over their standard deviation
+    noisy_share: float = 0.35  # the same of moments that leap; clean ones have 0.08, fast ones 0.3
+    leaping: float = 0.25  # part of rows with leaping pictures and smooth readings that is wrong; 0.05 in clean ones
     noisy_std: float = 15.0  # leaps of moments over their noise, where pictures hardly change, that are wrong
 
     # when a recording is judged while it runs, and how many witnesses it may lack

@@ -369,7 +369,7 @@ class RecordingWatch:
         if not (self.rig.moment_sensor.exists and self.series and len(moments) == len(lateral) and self.count > 2):
             return [], False
         spread = float(np.nanstd(moments)) if np.isfinite(moments).any() else 0.0
-        smooth = settings.noisy_share * spread > max(_scatter_std(0.0 * lateral, moments), std)
+        smooth = settings.smooth_share * spread > max(_scatter_std(0.0 * lateral, moments), std)
         if smooth and len(self._jumps) > settings.leaping * self.count:
             words = (
                 f"in {len(self._jumps)} of {self.count} rows the picture leaps to and fro while the readings go on "
@@ -687,6 +687,10 @@ def _following(lateral_px: np.ndarray, moments_Nm: np.ndarray, std_Nm: float) ->
     gained = own - np.array(others)
     gained = gained[:, np.isfinite(gained).all(axis=0)]
     if gained.shape[1] < settings.fewest_windows:
+        return None
+    # where the antenna slides smoothly, moments are about linear in the pictures of any row near by
+    left = np.sqrt(np.maximum(np.exp(4.0 * own / (settings.window - shape.shape[1] - 1)) - floor**2, 0.0))
+    if not np.nanmedian(left / np.ptp(read, axis=1)) > settings.unlike:
         return None
     # one place where a push follows another, which two windows see, is not counted
     most_gained = np.sort(gained, axis=1)[:, -2:].clip(0.0)

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from benchmarks.mistakes.recordings import Recording, clean_recording
 from benchmarks.mistakes.rigs import KINDS
+from benchmarks.waiting.recordings import write_recording
 from estimator import RecordingVerdict
 from estimator.diagnose.changes import CHANGES, axes_of, fitted
 from estimator.diagnose.consequences import with_unused
@@ -18,6 +20,7 @@ from estimator.diagnose.evidence import Case, Recorded
 from estimator.diagnose.watch import RecordingWatch
 from estimator.table.contacts import Measured
 from estimator.table.overview import Overview
+from vbaa_calib.cli.main import main
 from vbaa_calib.session import Frame
 
 from ..rod_scenes import RIG_STD, World, camera_pose, frames, pushing
@@ -64,6 +67,12 @@ def test_two_rigs_are_two_parts() -> None:
     assert both.cost == pytest.approx(np.concatenate([before, after]), rel=1e-9)
     rows = np.arange(6, 20)
     assert recorded.with_rig(other, 12).picked(rows).fit.cost == pytest.approx(both.cost[rows], rel=1e-9)
+
+
+def test_a_contact_that_slides_to_and_fro_is_no_delay(tmp_path: Path) -> None:
+    write_recording(tmp_path, 2000, 40, 3)
+    rig, out = tmp_path / "rig.json", tmp_path / "contacts.csv"
+    assert main(["estimate", str(tmp_path), "--rig", str(rig), "-o", str(out), "--no-report"]) == 0
 
 
 @pytest.mark.parametrize("name", ["picture_moved", "antenna_bent", "other_stiffness", "moment_zero"])
