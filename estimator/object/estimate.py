@@ -83,12 +83,16 @@ def estimate_object(
 ) -> ObjectEstimate:
     """The object at rest from its contacts, in order of time.
 
+    Parameters
+    ----------
     rig : that of the contacts; without it the antenna's radius counts as zero, and which errors are common is unknown:
         the shape takes them for each frame's own, friction for both.
     friction_rad : standard deviation of the friction angle in the estimate of the contacts, by default the table's.
     events : whether the track also has the instants at which contact began and ended.
 
-    Raises InputError where no frame has a contact point with its force, or where the contacts are not of this rig.
+    Raises
+    ------
+    InputError : where no frame has a contact point with its force, or the contacts are not of this rig.
     """
     touches_of(table)  # says what is missing before any work
     friction_rad = table.assumed_friction_rad if friction_rad is None else friction_rad

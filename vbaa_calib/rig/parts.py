@@ -161,6 +161,8 @@ _Looks = Annotated[tuple[tuple[_Level, _Level, _Level, _Spread], ...], Within(mi
 class AntennaImage:
     """Appearance of the antenna in this rig's pictures.
 
+    Attributes
+    ----------
     bright : whether it is brighter than the background; None: brighter in some places, darker in others.
     noise_px : typical standard deviation of one centreline point.
     noise_scale : spread of the no-load points about the solved shape over the spread that their profiles predict.
