@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from vbaa_calib.calibrate.photo.centreline import RodLine, search_rod
 from vbaa_calib.calibrate.photo.stiffness import PhotoSetting, PhotoStiffness, solve_photo
 from vbaa_calib.cli.main import main
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_gray, read_picture
 from vbaa_calib.core.polyline import offsets_from
 
@@ -144,6 +145,21 @@ def test_real_lines_run_where_a_person_draws_them(name: str) -> None:
     _, apart = offsets_from(photographed(name).curve_px, hand_drawn()[name])
     assert np.sqrt(np.mean(apart**2)) < 1.5
     assert np.median(np.abs(apart)) < 1.25
+
+
+@pytest.mark.parametrize(("bar", "contrast", "reach"), [(40.0, 60.0, 380), (80.0, 40.0, 520)])
+def test_no_rod_goes_round_a_corner(bar: float, contrast: float, reach: int) -> None:
+    """A bar to which a rod is fixed is not a part of it: the rod is found, or none."""
+    share, rng = np.linspace(0.0, 1.0, 200), np.random.default_rng(1)
+    true, picture = np.stack([180.0 + 40.0 * share**2, 80.0 + 330.0 * share], axis=1), np.full((480, 640), 150.0)
+    for line, grey, width in ((np.array([[180, 80], [reach, 74]]), bar, 9), (true, contrast, 11)):
+        cv2.polylines(picture, [(16.0 * line).astype(np.int32)], False, 150.0 - grey, width, cv2.LINE_AA, 4)
+    seen = cv2.GaussianBlur(picture, (0, 0), 1.0) + rng.normal(0.0, 2.0, picture.shape)
+    try:
+        found = search_rod(np.clip(seen, 0, 255).astype(np.uint8)).line()
+    except InputError:
+        return
+    assert np.abs(offsets_from(true, found.curve_px)[1]).max() < 6.0
 
 
 @pytest.mark.parametrize("most", [2, pytest.param(5, marks=pytest.mark.slow)])

@@ -8,8 +8,9 @@ out. Pixel (0, 0) is the centre of the upper left one.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import combinations
 
 import cv2
@@ -84,6 +85,9 @@ class _Level:
         return np.mean(found, axis=0) / NORMAL_QUARTILE
 
 
+_Against = Callable[[_Level], np.ndarray]
+
+
 def _shading_of(channels: int, settings: RodSettings) -> np.ndarray:
     """(channels,) typical colour difference of neighbouring places on one surface."""
     return np.array([settings.shading[min(channel, 1)] for channel in range(channels)])
@@ -125,12 +129,13 @@ def _paths_at(
     ends: tuple[np.ndarray | None, np.ndarray | None],
     settings: RodSettings,
     limits: tuple[float, float],
-    colours: np.ndarray | None = None,
+    against: Sequence[_Against] = (),
 ) -> list[_RodPath]:
     """Candidate paths of ribbons of one width `at` a level (in the photograph's pixels), the best first; from clamp to
-    tip where these are known. Their colour is one of `colours` (K, channels) if any.
+    tip where these are known.
 
     limits : evidence by which a path may fall short of the best, and the least log odds of a correlation length.
+    against : log odds that are taken off the evidence.
     """
     (level, width_px), (clamp, tip), (bound, gap) = at, ends, limits
     height, columns = level.planes.shape[1:]
@@ -142,17 +147,10 @@ def _paths_at(
     down = _ribbon_evidence(level, width, texture, searched)
     transposed = _Level(np.ascontiguousarray(level.planes.swapaxes(1, 2)), level.scale)
     across = _ribbon_evidence(transposed, width, texture, searched)
-    if colours is not None:
-        spread = settings.other_colour * _shading_of(len(level.planes), settings)
-        smooth = [cv2.blur(each, (3, 3)) for each in level.planes]
-        unlike = [
-            sum(((each - own) / by) ** 2 for each, own, by in zip(smooth, colour, spread, strict=True))
-            for colour in colours
-        ]
-        less = np.clip(np.min(unlike, axis=0) - 1.0, 0.0, -settings.gap).astype(np.float32)
-        step = core.search.ROW_STEP
-        for evidence, each in ((down, less), (across, less.T)):
-            evidence -= each[step // 2 :: step][: len(evidence), None]
+    for each in against:
+        less, step = each(level), core.search.ROW_STEP
+        for evidence, places in ((down, less), (across, less.T)):
+            evidence -= places[step // 2 :: step][: len(evidence), None]
     correlation = max(width, settings.correlation_share * diagonal)
     both = clamp is not None and tip is not None
     rules = (
@@ -181,6 +179,30 @@ def _paths_at(
     return [_from_clamp(each, clamp, tip) for each in paths]
 
 
+def _unlike(colours: np.ndarray, settings: RodSettings, level: _Level) -> np.ndarray:
+    """Log odds (H, W) against places that have none of some colours (K, channels)."""
+    spread = settings.other_colour * _shading_of(len(level.planes), settings)
+    smooth = [cv2.blur(each, (3, 3)) for each in level.planes]
+    unlike = [
+        sum(((each - own) / by) ** 2 for each, own, by in zip(smooth, colour, spread, strict=True))
+        for colour in colours
+    ]
+    return np.clip(np.min(unlike, axis=0) - 1.0, 0.0, -settings.gap).astype(np.float32)
+
+
+def _occupied(
+    rejected: Sequence[_RodPath], ends: tuple[np.ndarray, np.ndarray], settings: RodSettings, level: _Level
+) -> np.ndarray:
+    """Log odds (H, W) against the middle of paths along which there is no rod, but for next to its known ends."""
+    less = np.zeros(level.planes.shape[1:], np.float32)
+    for path in rejected:
+        far = np.min([np.hypot(*(path.path_px - end).T) for end in ends], axis=0) > path.width_px
+        line = np.rint((path.path_px[far] + 0.5) * level.scale - 0.5).astype(np.int32)
+        thick = max(1, round(0.5 * path.width_px * level.scale))
+        cv2.polylines(less, [line], False, settings.enough - settings.gap, thick)
+    return less
+
+
 def _from_clamp(path: _RodPath, clamp: np.ndarray | None, tip: np.ndarray | None) -> _RodPath:
     first, last = path.path_px[0], path.path_px[-1]
     if clamp is not None:
@@ -188,6 +210,31 @@ def _from_clamp(path: _RodPath, clamp: np.ndarray | None, tip: np.ndarray | None
     else:
         turned = tip is not None and np.hypot(*(first - tip)) < np.hypot(*(last - tip))
     return replace(path, path_px=path.path_px[::-1]) if turned else path
+
+
+def _sharpest(line: np.ndarray, width: float, reach: float) -> tuple[float, float]:
+    """Largest turn (radians) of a line (N, 2) within `reach` to either side of a place, and the arc length there."""
+    along = arc_lengths(line)
+    at = np.arange(reach, along[-1] - reach, 0.25 * width)
+    if len(at) == 0:
+        return 0.0, 0.0
+    u, v = (np.stack([np.interp(at + way * reach, along, axis) for way in (-1, 0, 1)]) for axis in line.T)
+    bearing = np.arctan2(np.diff(v, axis=0), np.diff(u, axis=0))
+    turns = np.abs(np.angle(np.exp(1j * (bearing[1] - bearing[0]))))
+    return float(turns.max()), float(at[turns.argmax()])
+
+
+def _pieces(path: _RodPath, settings: RodSettings) -> list[_RodPath]:
+    """The two parts of a path next to its sharpest corner, where it may leave a rod for something else; none where it
+    has no corner."""
+    turn, corner = _sharpest(path.path_px, path.width_px, settings.corner_widths * path.width_px)
+    if turn < settings.corner:
+        return []
+    along = arc_lengths(path.path_px)
+    parts = [path.path_px[along < corner], path.path_px[along > corner]]
+    sums = [path.evidence * float(arc_lengths(part)[-1] / along[-1]) for part in parts]
+    pieces = zip(parts, sums, strict=True)
+    return [replace(path, path_px=part, evidence=each) for part, each in pieces if each > settings.least_evidence]
 
 
 def _shared(path: _RodPath, other: _RodPath, settings: RodSettings) -> float:
@@ -404,6 +451,7 @@ def _judged(
     away = [float(np.hypot(*(end - patch.back(points)).T).min()) for end in ends if end is not None]
     off_ends = float(np.clip(2.0 * max(away) / wide - 1.0, 0.0, 1.0)) if len(away) == 2 else 1.0
     parts |= {"edges": edged, "length_share": length / diagonal}
+    parts["sharpest"] = _sharpest(curve, width, settings.sharp_widths * width)[0]
     parts |= {"off_clicks": float(np.sum(np.square(missed))), "off_ends": off_ends}
     holder, goes_on = (0.0, 0.0), (False, False)
     if len(off) < 2:
@@ -671,6 +719,7 @@ def _rod_odds(parts: dict[str, float], known: int, covered: bool, loose: float, 
         min(float(np.sqrt(parts["unseen_turn"])), 1.5),
         parts["unseen"] ** 2,
         min(parts["off_clicks"], 1.0),
+        min(max(0.0, parts["sharpest"] - settings.usual_sharpest), 1.0),
         *(shape if known < 2 else (0.0, 0.0, 0.0, 0.0)),
         float(covered),
         loose,
@@ -1090,7 +1139,9 @@ def search_rod(
         for at in _levels_of(planes, settings):
             paths += _paths_at(at, (clamp, tip), settings, (settings.most_cost_alone, settings.gap))
         paths.sort(key=lambda path: -path.evidence)
-        found = _lines(planes, _grouped(paths, settings), [clamp, tip], settings)
+        groups = _grouped(paths, settings)
+        groups += [[piece] for group in groups for path in group for piece in _pieces(path, settings)]
+        found = _lines(planes, groups, [clamp, tip], settings)
     found.sort(key=lambda fit: -fit.evidence)
     return RodSearch(_different(found, settings), middle, clamp, tip, settings)
 
@@ -1099,14 +1150,23 @@ def _between(planes: np.ndarray, clamp: np.ndarray, tip: np.ndarray, settings: R
     """Lines from clamp to tip."""
     # a known end leaves few places to look at: there is time for thinner rods
     levels = _levels_of(planes, settings, settings.width_step)
-    found = _measured(planes, levels, (clamp, tip), settings, settings.gap)
-    if not any(line.is_whole(settings) for line in found):
-        # the shortest way was across the background, which now says as much against a rod as it can
-        found += _measured(planes, levels, (clamp, tip), settings, -np.inf)
-    best = max(found, key=lambda line: line.evidence, default=None)
-    if best is not None and not best.is_good(settings) and best.parts["mean"] > settings.coloured_mean:
+    ends, rejected = (clamp, tip), list[_RodPath]()
+    found: list[_MeasuredRod] = []
+    for search in range(settings.searches):
+        # the shortest way is often across the background, which says as much against a rod from then on as it can
+        gap = -np.inf if search else settings.gap
+        against = [partial(_occupied, rejected, ends, settings)] if search > 1 else []
+        lines, more = _measured(planes, levels, ends, settings, gap, against)
+        found, rejected = [*found, *lines], [*rejected, *more]
+        likely = any(line.evidence > 0.0 for line in found) or not more
+        if (search and likely) or any(line.is_whole(settings) for line in found):
+            break
+    coloured = [line for line in found if line.parts["mean"] > settings.coloured_mean]
+    best = max(coloured, key=lambda line: line.evidence, default=None)
+    if best is not None and not any(line.is_good(settings) for line in found):
         # of one colour, as at the ends
-        found += _measured(planes, levels, (clamp, tip), settings, settings.gap, best.end_colours(planes))
+        colours = best.end_colours(planes)
+        found += _measured(planes, levels, ends, settings, settings.gap, [partial(_unlike, colours, settings)])[0]
     return found
 
 
@@ -1116,31 +1176,37 @@ def _measured(
     ends: tuple[np.ndarray, np.ndarray],
     settings: RodSettings,
     gap: float,
-    colours: np.ndarray | None = None,
-) -> list[_MeasuredRod]:
-    """Measured lines from clamp to tip, searching from the widest ribbons to the narrowest until one is a good rod.
+    against: Sequence[_Against],
+) -> tuple[list[_MeasuredRod], list[_RodPath]]:
+    """Measured lines from clamp to tip, searching from the widest ribbons to the narrowest until one is a good rod; and
+    the paths along which there is none.
 
-    gap : least log odds of a correlation length of the paths that are measured.
+    gap : least log odds of a correlation length of the paths that are measured. against : log odds that are taken off
+        the evidence.
     """
     found: list[_MeasuredRod] = []
+    rejected: list[_RodPath] = []
     bound, mean, (clamp, tip) = settings.most_cost, 0.0, ends
     for at in levels:
         width_px = at[1]
         if any(line.is_good(settings) and line.width_px > 1.8 * width_px for line in found):
             break
-        for path in _paths_at(at, ends, settings, (bound, gap), colours):
+        for path in _paths_at(at, ends, settings, (bound, gap), against):
             length = max(arc_lengths(path.path_px)[-1], np.hypot(*(tip - clamp)))  # wide paths end short of the ends
             mean = max(mean, path.mean)
             if length < settings.least_aspect * width_px or path.mean < max(settings.least_path_mean, mean - 1.0):
                 continue
-            bound = min(bound, settings.slack[0] * path.cost + settings.slack[1])
             known = (line for line in found if line.is_whole(settings) and width_px < 1.5 * line.width_px)
             if any(line.contains(path.path_px) for line in known):
                 continue
             line = _fitted(planes, path, clamp, tip, settings)
             if line is not None:
                 found.append(line)
-    return found
+            if line is None or line.evidence < settings.no_rod:
+                rejected.append(path)
+            elif line.evidence > 0.0:
+                bound = min(bound, settings.slack[0] * path.cost + settings.slack[1])
+    return found, rejected
 
 
 def _lines(

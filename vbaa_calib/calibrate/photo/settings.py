@@ -81,6 +81,10 @@ class RodSettings:
     """Radians within `sharp_widths` that no rod turns by next to its ends: right lines of 480 turned by up to 0.9."""
     sharp_widths: float = 2.0
     """Length along a line, in widths, of such a turn."""
+    corner: float = 0.8
+    """Radians within `corner_widths` to either side from which a path may leave the rod: a path rounds off corners."""
+    corner_widths: float = 4.0
+    """Length along a path, in widths, of either side of a corner."""
     candidates: int = 6
     """Number of candidates at most: what a person can compare."""
     good_mean: float = 2.7
@@ -92,16 +96,20 @@ class RodSettings:
     good_edges: float = 0.9
     """Share of places with both edges above which nothing better is to be expected."""
     rod_odds: tuple[float, ...] = (
-        *(2.2, 0.95, 0.27, 0.51, -0.75, -2.1, -3.4, -60.0, -3.5),
+        *(2.2, 1.45, 0.27, 0.51, -0.75, -2.1, -3.4, -60.0, -3.5, -8.0),
         *(4.0, 4.2, -2.5, 2.2, -1.8, -1.8),
     )
     """Log odds of a rod, for each: 1, known ends, mean evidence below `usual_mean`, log contrast over
     `usual_contrast` up to 1, difference of both sides over the contrast, share that may be shadow (0 between clicks on
     the line), square root of the bend in radians where nothing is seen, squared share of the longest piece without
-    evidence (a quarter may be anything), squared distance from clicks in tolerances; unless both ends are known: share
-    of places with both edges below `good_edges`, bend in radians up to `bent`, that beyond `most_bend`, log length in
-    diagonals, an end that may be covered, nothing beyond either end. From logistic regression of the rod among a
-    picture's lines and none, on half of 630 pictures (ends known in 370) and 90 without a rod."""
+    evidence (a quarter may be anything), squared distance from clicks in tolerances, sharpest turn beyond
+    `usual_sharpest`; unless both ends are known: share of places with both edges below `good_edges`, bend in radians up
+    to `bent`, that beyond `most_bend`, log length in diagonals, an end that may be covered, nothing beyond either end.
+    From logistic regression of the rod among a picture's lines and none, on half of 630 pictures (ends known in 370)
+    and 90 without a rod; those of known ends and of the turn from the likeliest lines of 152 more."""
+    usual_sharpest: float = 0.45
+    """Turn in radians, within `sharp_widths` to either side, from which a line is less likely a rod: one of 51
+    right lines turned by more, and a third of 316 others."""
     usual_mean: float = 2.6
     """Mean evidence below which a line is less likely a rod."""
     usual_contrast: float = 18.0
@@ -115,6 +123,10 @@ class RodSettings:
     """Bend in radians beyond which more makes a rod less likely: a load turns a level one by a right angle at most."""
     clear_end: float = 2.0
     """Log odds from which there is something beyond an end, or nothing but background: those of either are 5 to 20."""
+    searches: int = 5
+    """Searches for a line between two ends, at most; from the third on without the paths that are no rods."""
+    no_rod: float = -3.0
+    """Log odds below which a measured line is no rod, and the next search avoids its path."""
     least_probability: float = 0.69
     """Probability from which a line is taken for the rod."""
     least_holder_lead: float = 6.0
