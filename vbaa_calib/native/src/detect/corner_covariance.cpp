@@ -247,8 +247,9 @@ Array<double, 3> corner_covariances(View<const std::uint8_t, 2> image, View<cons
     for (int k = 0; k <= 2 * reach; ++k) bell[k] = std::exp(-0.5 * square((k - reach) / model.smoothing_px));
     double whole = 0.0;
     for (double each : bell) whole += each;
-    std::vector<float> kernel;
-    for (double each : bell) kernel.push_back(static_cast<float>(each / whole));
+    std::vector<float> kernel(bell.size());
+    std::transform(bell.begin(), bell.end(), kernel.begin(),
+                   [&](double each) { return static_cast<float>(each / whole); });
     const Noise noise = noise_of(image, corners, windows, model);
     const float black = static_cast<float>(noise.level[0]), in_black = static_cast<float>(noise.variance[0]);
     const float more = static_cast<float>(noise.variance[1] - noise.variance[0]);

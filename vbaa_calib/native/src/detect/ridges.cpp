@@ -154,9 +154,10 @@ struct Reduced {
                     for (int k = 0; k < right; ++k)
                         whole = static_cast<Sum>(whole + sum[((u - first) * right + k) * channels + c]);
                     const float mean = share * static_cast<float>(whole);
-                    if constexpr (small)
-                        levels(c, room + v, room + u) = static_cast<Level>(mean + 0.5F);
-                    else {
+                    if constexpr (small) {
+                        const float above = mean + 0.5F;  // no level is negative
+                        levels(c, room + v, room + u) = static_cast<Level>(above);
+                    } else {
                         means(c, v, u) = mean;
                         least[c] = std::min(least[c], mean), most[c] = std::max(most[c], mean);
                     }
