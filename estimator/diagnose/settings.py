@@ -70,6 +70,7 @@ class RecordingSettings:
     typical: float = 0.9  # quantile of the changes of the moment that says how much such a row is off
     at_limit: int = 3  # moments equal to the largest or smallest of all from which on the sensor is at its limit
     at_limit_share: float = 0.04  # least share of such moments among all
+    fine_std: float = 0.2  # steps of moments, in standard deviations of their noise, from which equal ones are chance
     fewest_standing: int = 5  # equal moments within the range from which the sensor stops at times
     distinct: float = 0.8  # part of the other moments that differ from each other where they have enough digits
     beyond_std: float = 4.0  # standard deviations by which pictures ask for more than a moment at the end of its range

@@ -306,6 +306,8 @@ class RecordingWatch:
         every, repeated = np.array(self._moments), self._repeated_moments
         others = every[np.isfinite(every) & ~np.isin(every, list(repeated))]
         fine = len(others) >= settings.fewest and len(np.unique(others)) > settings.distinct * len(others)
+        # rounded ones are often alike
+        fine = fine and _step(every[np.isfinite(every)]) < settings.fine_std * self.rig.moment_sensor.std_Nm
         for value in self.standing:
             at, rows = np.flatnonzero(read[:, 0] == value), repeated[value]
             largest = value == np.nanmax(every)
@@ -335,9 +337,7 @@ class RecordingWatch:
         values = np.unique(series[np.isfinite(series) & ~np.isin(series, self.standing)])
         if len(values) < settings.fewest_values:
             return [], recorded
-        step = float(np.diff(values).min())
-        off = (values - values[0]) / step
-        if np.abs(off - np.round(off)).max() < settings.lattice:
+        if step := _step(values):
             remedy = "write moment_Nm with all its digits, or use an amplifier with finer steps"
             words = f"the moments come in steps of {step:.3g} N·m, {step / std:.0f} standard deviations of the noise"
             sensor = replace(recorded.rig.moment_sensor, std_Nm=float(np.hypot(std, step / np.sqrt(12.0))))
@@ -586,6 +586,16 @@ def _unpredicted(case: Case) -> bool:
         return False
     _, own = case.recorded.without_moments().fit.moments
     return bool(np.median(own[there]) > RecordingSettings.knows * float(np.ptp(read[there])))
+
+
+def _step(moments: np.ndarray) -> float:
+    """The step, N·m, of which moments (N,) are multiples; 0 where they are none."""
+    values = np.unique(moments)
+    if len(values) < 2:
+        return 0.0
+    step = float(np.diff(values).min())
+    off = (values - values[0]) / step
+    return step if np.abs(off - np.round(off)).max() < RecordingSettings.lattice else 0.0
 
 
 def _same_picture(measured: Measured, before: Measured) -> bool:

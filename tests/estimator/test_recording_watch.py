@@ -132,11 +132,24 @@ def test_pictures_are_exchanged_where_both_places_gain(kind: int, seed: int) -> 
 def test_moments_of_a_poor_converter_are_named(name: str, kind: int, change: Callable[..., np.ndarray]) -> None:
     """Few digits, fewer readings than pictures, the end of a range in four rows, gaps, and moments of other rows."""
     recording = clean_recording(KINDS[kind], 4, free=False)
+    found = watched(changed(recording, change)).verdict().verdict
+    assert (found.findings[0].name, found.severity) == (name, "wrong")
+
+
+@pytest.mark.parametrize(("kind", "seed"), [(0, 102), (2, 102)])
+def test_moments_that_are_rounded_to_their_noise_are_as_good(kind: int, seed: int) -> None:
+    recording = clean_recording(KINDS[kind], seed, 150)
+    assert (
+        watched(changed(recording, lambda read, std: std * np.round(read / std))).verdict().verdict.severity != "wrong"
+    )
+
+
+def changed(recording: Recording, change: Callable[..., np.ndarray]) -> Recording:
+    """The recording with other moments, by those that were read and their noise's standard deviation."""
     read = np.array([one.moment_Nm for one in recording.frames])
     moments = change(read, recording.rig.moment_sensor.std_Nm).tolist()
     frames = [replace(one, moment_Nm=own) for one, own in zip(recording.frames, moments, strict=True)]
-    found = watched(replace(recording, frames=frames)).verdict().verdict
-    assert (found.findings[0].name, found.severity) == (name, "wrong")
+    return replace(recording, frames=frames)
 
 
 @pytest.mark.parametrize(("assumed_rad", "doubted"), [(0.2, True), (0.5, False)])
