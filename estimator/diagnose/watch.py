@@ -18,6 +18,7 @@ from estimator.table.contacts import Contact, ContactTable, Measured
 from estimator.table.overview import Overview
 from vbaa_calib.core.arrays import spread_evenly
 from vbaa_calib.core.errors import Diagnosis, Severity, Verdict
+from vbaa_calib.core.robust import NORMAL_QUARTILE
 from vbaa_calib.diagnose.decision import DecisionSettings, explained, joined
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Drift, Frame, numbers_of
@@ -303,7 +304,7 @@ class RecordingWatch:
         """Moments at the end of the sensor's range, or at which it stops at times, with their rows, and the
         frames without these readings."""
         settings, found, read = RecordingSettings, list[tuple[Diagnosis, list[int]]](), recorded.batch.readings_Nm
-        every, repeated = np.array(self._moments), self._repeated_moments
+        every, repeated, limits = np.array(self._moments), self._repeated_moments, self.limits
         others = every[np.isfinite(every) & ~np.isin(every, list(repeated))]
         fine = len(others) >= settings.fewest and len(np.unique(others)) > settings.distinct * len(others)
         # rounded ones are often alike
@@ -312,10 +313,10 @@ class RecordingWatch:
             at, rows = np.flatnonzero(read[:, 0] == value), repeated[value]
             largest = value == np.nanmax(every)
             many = len(at) > 0 and len(rows) >= settings.at_limit_share * self.count
-            if not (fine or (many and value in self.limits and self._beyond(recorded.picked(at), value, largest))):
+            if not (fine or (many and value in limits and self._beyond(recorded.picked(at), value, largest))):
                 continue  # the readings have few digits
             words = f"{len(rows)} of {self.count} moments are exactly"
-            if value in self.limits and value != 0.0:
+            if value in limits and value != 0.0:
                 words = f"{words} the {'largest' if largest else 'smallest'}, {value:.4g} N·m"
                 words = f"{words}: the sensor is at the end of its range"
                 remedy = "press less, or use a sensor or amplifier with more range"
@@ -477,9 +478,11 @@ class RecordingWatch:
     def _repeated_moments(self) -> dict[float, list[int]]:
         """Moments that several rows share exactly, with these rows."""
         moments = np.array(self._moments)
-        values, counts = np.unique(moments[np.isfinite(moments)], return_counts=True)
-        often = values[counts >= RecordingSettings.at_limit].tolist() if len(values) > 1 else []
-        return {value: np.flatnonzero(moments == value).tolist() for value in often}
+        order = np.argsort(moments, kind="stable")
+        order = order[np.isfinite(moments[order])]
+        values, begins, counts = np.unique(moments[order], return_index=True, return_counts=True)
+        often = np.flatnonzero(counts >= RecordingSettings.at_limit) if len(values) > 1 else np.empty(0, int)
+        return {float(values[k]): order[begins[k] : begins[k] + counts[k]].tolist() for k in often}
 
     @property
     def limits(self) -> tuple[float, ...]:
@@ -491,11 +494,11 @@ class RecordingWatch:
     @property
     def standing(self) -> tuple[float, ...]:
         """These, and the one moment between them at which the sensor stops at times."""
-        repeated = self._repeated_moments
-        within = [value for value in repeated if value not in self.limits]
+        repeated, limits = self._repeated_moments, self.limits
+        within = [value for value in repeated if value not in limits]
         # several: the readings have few digits, or are read seldom; 0 is what many write where there is no reading
         alone = len(within) == 1 and (within[0] == 0.0 or len(repeated[within[0]]) >= RecordingSettings.fewest_standing)
-        return (*self.limits, *within) if alone else self.limits
+        return (*limits, *within) if alone else limits
 
     def _scatter(self, case: Case, causes: Sequence[Diagnosis]) -> list[Diagnosis]:
         """Diagnoses of standard deviations that are too small, and of shapes that are not this antenna's."""
@@ -756,7 +759,7 @@ def _scatter_std(lateral_px: np.ndarray, moments_Nm: np.ndarray) -> float:
         return float("nan")
     size = np.nanmean(square[compared], axis=1)
     calm = np.abs(off[compared][size <= np.median(size)])
-    return float(np.median(calm) / 0.6745 / np.sqrt(1.5))
+    return float(np.median(calm) / NORMAL_QUARTILE / np.sqrt(1.5))
 
 
 def _exchanged(lateral_px: np.ndarray, jumps: Sequence[int], sigma_px: float) -> list[tuple[float, int, int]]:
