@@ -91,6 +91,16 @@ def mean(values: np.ndarray) -> float:
     return float(values.mean()) if len(values) else float("nan")
 
 
+def median(values: np.ndarray) -> float:
+    """Of all; NaN of nothing."""
+    return float(np.median(values)) if len(values) else float("nan")
+
+
+def largest(values: np.ndarray) -> float:
+    """The greatest size of all; NaN of nothing."""
+    return float(np.max(np.abs(values))) if len(values) else float("nan")
+
+
 def rms_known(values: np.ndarray) -> float:
     """Root mean square of what is finite; NaN of nothing."""
     return rms(values[np.isfinite(values)])

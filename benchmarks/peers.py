@@ -27,8 +27,6 @@ INTERPRETERS = "VBAA_PEER_PYTHON"
 """Environment variable: more interpreters to look for programs in, separated as PATH is."""
 MARK = "answer: "
 """What an answer's line begins with."""
-CONTACTS = "contacts"
-"""In place of a program: PyElastica's rod, load by load."""
 _IMPORT_S, _SOLVE_S = 60.0, 120.0
 _VERSION = """
 import importlib.metadata, numpy, {peer}
@@ -85,8 +83,6 @@ def answers(peer: str, problems: Sequence[dict[str, Any]], path: str = "") -> tu
 
 _START_DISTORTION = 1e-6
 _AT_REST_RAD_S, _MOST_STEPS, _MORE_DAMPING = 1e-6, 20_000, 60.0
-_AT_REST = 1e-6
-"""Speed of a rod at rest, in lengths by the first mode's rad/s."""
 
 
 def _mrcal(mrcal: Any, given: dict[str, Any], _: str) -> dict[str, Any]:
@@ -177,51 +173,8 @@ _WARMED = ("mrcal", "lensboy")
 """Solve their first problem once more before, so that no import counts."""
 
 
-def rest_under_contacts(path: str) -> None:
-    """PyElastica's rod of an exported antenna, that goes on to each next load of stdin from where it is: at_m and
-    force_N [2] there, along y and z of the straight rod, normal to the bent one. Answers nodes_m [M, 3]."""
-    module, ea = runpy.run_path(path), import_module("elastica")
-    a, rod, simulator = module["ANTENNA"], module["antenna"](), module["Simulator"]()
-    load = {"at_m": a.length_m, "force_N": [0.0, 0.0]}
-    element = a.length_m / (rod.n_elems - 0.5)
-
-    def apply_forces(_: Any, system: Any, time: float = 0.0) -> None:
-        """A force between two nodes, normal to the rod there."""
-        place = min(load["at_m"] / element + 0.5, rod.n_elems - 1e-9)
-        node, along = int(place), system.tangents[:, int(place)]
-        straight = np.array([0.0, *load["force_N"]])
-        force = straight - (straight @ along) * along
-        force *= np.linalg.norm(straight) / max(float(np.linalg.norm(force)), 1e-30)
-        for k, share in ((node, node + 1 - place), (node + 1, place - node)):
-            system.external_forces[:, k] += share * force
-
-    contact = type("Contact", (ea.NoForces,), {"apply_forces": apply_forces})
-    step_s = 0.1 * element**2 * np.sqrt(a.mass_per_length_kg_m / a.bending_stiffness_Nm2)
-    mode = 3.516 * np.sqrt(a.bending_stiffness_Nm2 / a.mass_per_length_kg_m) / a.length_m**2
-    simulator.append(rod)
-    simulator.constrain(rod).using(ea.OneEndFixedBC, constrained_position_idx=(0,), constrained_director_idx=(0,))
-    simulator.add_forcing_to(rod).using(ea.GravityForces, acc_gravity=np.array(a.gravity_m_s2))
-    simulator.add_forcing_to(rod).using(contact)
-    simulator.dampen(rod).using(ea.AnalyticalLinearDamper, uniform_damping_constant=1.5 * mode, time_step=step_s)
-    simulator.finalize()
-    stepper, time_s = ea.PositionVerlet(), 0.0
-    for line in sys.stdin:
-        load.update(json.loads(line))
-        slow = 0
-        for _ in range(int(25 / mode / step_s)):
-            time_s = stepper.step(simulator, time_s, step_s)
-            # at rest for a tenth of a swing
-            still = np.abs(rod.velocity_collection).max() < _AT_REST * a.length_m * mode
-            slow = slow + 1 if still else 0
-            if slow * step_s * mode > 0.6:
-                break
-        print(f"\n{MARK}{json.dumps({'nodes_m': rod.position_collection.T.tolist()})}", flush=True)
-
-
 def main(peer: str, path: str) -> None:
     """Answer every line of stdin."""
-    if peer == CONTACTS:
-        return rest_under_contacts(path)
     program, problems = import_module(peer), [json.loads(line) for line in sys.stdin]
     warm = problems[:1] if peer in _WARMED else []
     for place, given in enumerate([*warm, *problems]):

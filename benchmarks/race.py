@@ -1,6 +1,6 @@
-"""Place and force of the same contacts by our estimators, by SciPy, also with PyElastica's rod, and by what others
-publish: the neuroscience method (force from the curvature near the base, place known) and the paper's formulas; then by
-one camera and by two at right angles.
+"""Place and force of the same contacts by our estimators, by SciPy, and by what others publish: the neuroscience method
+(force from the curvature near the base, place known) and the paper's formulas; then by one camera and by two at right
+angles.
 
 Planar contacts bend the antenna across the camera's line of sight; spatial ones in any direction. The frames come from
 the closed form, which the estimators do not use, with white noise on every point.
@@ -8,12 +8,10 @@ the closed form, which the estimators do not use, with white noise on every poin
 
 from __future__ import annotations
 
-import json
-import subprocess
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -31,10 +29,20 @@ from benchmarks.estimator.scenes import (
 )
 from benchmarks.estimator.setup import Setup, drawn_truth
 from benchmarks.figures import COLOURS, INK, label, legend, panels
-from benchmarks.harness import Findings, Options, column, concatenated, mean, processor_seconds, rms, table, timed
+from benchmarks.harness import (
+    Findings,
+    Options,
+    column,
+    concatenated,
+    mean,
+    median,
+    processor_seconds,
+    rms,
+    row_of,
+    table,
+    timed,
+)
 from benchmarks.mistakes.rigs import KINDS, before_loads, drawn_world, observed, session_of, stills_of
-from benchmarks.peers import CONTACTS, INTERPRETERS, MARK, interpreter_of, versions
-from benchmarks.peers import __file__ as PEERS
 from estimator import ContactEstimator
 from estimator.contact.contacts import Contacts
 from estimator.paper.two_point import force_z, two_point_contact
@@ -42,7 +50,6 @@ from vbaa_calib.antenna.elastica import _planar_elastica as planar_elastica
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.session_rig import make_rig, solve_antenna
 from vbaa_calib.core.console import progress
-from vbaa_calib.export.simulators import export
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import RIG_PARAMETERS, Rig
 from vbaa_calib.session import DRIFTS
@@ -58,8 +65,6 @@ _SLOPES_RAD = (0.05, 0.6)
 _AT = 0.3
 """Where the neuroscience method takes the curvature, in contact distances: near the base, as Pammer et al.,
 J. Neurosci. 33 (2013) 6726, and Birdwell et al., J. Neurophysiol. 98 (2007) 2439, do."""
-_SEGMENTS = 20
-"""Of PyElastica's rod: its tip is then right to 0.03 % of the length."""
 _SPAN = 0.2
 """How far to both sides the cubic is fitted that the curvature is of, in contact distances."""
 
@@ -72,6 +77,11 @@ together, so that the intervals' share scatters with the number of rigs."""
 _GIVE = RIG_PARAMETERS.index("clamp_give_m") - 6
 _BOUND_DRAWS = 50
 """Errors of each frame that are drawn from its bound."""
+
+
+def _of_draws(of: Callable[[np.ndarray], Any], heading: str) -> Any:
+    """A column: a statistic of the place's errors that are drawn from the bound."""
+    return column(heading, ".3f", of=lambda d: 1e3 * float(of(d.drawn[..., 0])))
 
 
 @dataclass(frozen=True)
@@ -89,16 +99,16 @@ class ContactsRow:
     kind: str = column("contacts")
     noise_px: float = column("px", ".2f")
     method: str = column("method")
-    answered: float = column("answered %", ".1f", 100)
-    place_median_mm: float = column("median mm", ".3f")
-    bound_median_mm: float = column("bound", ".3f")
-    place_rms_mm: float = column("rms mm", ".3f")
-    bound_rms_mm: float = column("bound", ".3f")
-    force: float = column("force %", ".2f", 100)
-    force_bound: float = column("bound", ".2f", 100)
-    covered: float = column("covered %", ".1f", 100)
-    force_covered: float = column("force covered %", ".1f", 100)
-    silent: int = column("silent", "d")
+    answered: float = column("answered %", ".1f", 100, lambda d: float(d.answered.mean()))
+    place_median_mm: float = column("median mm", ".3f", of=lambda d: 1e3 * median(np.abs(d.off)))
+    bound_median_mm: float = _of_draws(lambda errors: np.nanmedian(np.abs(errors)), "bound")
+    place_rms_mm: float = column("rms mm", ".3f", of=lambda d: 1e3 * rms(d.off))
+    bound_rms_mm: float = _of_draws(lambda errors: np.sqrt(np.nanmean(errors**2)), "bound")
+    force: float = column("force %", ".2f", 100, lambda d: float(np.nanmedian(d.missed_part)))
+    force_bound: float = column("bound", ".2f", 100, lambda d: float(np.nanmedian(d.lateral)))
+    covered: float = column("covered %", ".1f", 100, lambda d: mean(d.score < _COVERED))
+    force_covered: float = column("force covered %", ".1f", 100, lambda d: mean(d.force_score < _COVERED))
+    silent: int = column("silent", "d", of=lambda d: int((d.score > _SILENT).sum()))
     ms: float = column("ms", ".3f")
     ratio: float = column("ratio", ".2f")
 
@@ -124,27 +134,19 @@ def judged(
     distance, std, force, force_std = (np.concatenate(each) for each in zip(*answers, strict=True))
     true = np.concatenate([part.force_N[:, 1:] for part in parts])
     off, missed = distance - np.concatenate([part.distance_m for part in parts]), force - true
-    size = np.linalg.norm(true, axis=1)
-    placed, forced, stated = np.isfinite(off), np.isfinite(missed), np.isfinite(std) & np.isfinite(off)
-    score = np.abs(off[stated]) / std[stated]
-    known = np.isfinite(force_std) & forced
-    drawn = least.drawn(placed | forced.all(axis=1), _BOUND_DRAWS)
-    lateral = np.linalg.norm(drawn[..., 1:], axis=-1) / size[placed | forced.all(axis=1)]
-    return ContactsRow(
-        *names,
-        answered=float((placed | forced.all(axis=1)).mean()),
-        place_median_mm=1e3 * float(np.median(np.abs(off[placed]))) if placed.any() else np.nan,
-        bound_median_mm=1e3 * float(np.nanmedian(np.abs(drawn[..., 0]))),
-        place_rms_mm=1e3 * rms(off[placed]),
-        bound_rms_mm=1e3 * float(np.sqrt(np.nanmean(drawn[..., 0] ** 2))),
-        force=float(np.nanmedian(np.linalg.norm(missed, axis=1) / size)),
-        force_bound=float(np.nanmedian(lateral)),
-        covered=mean(score < _COVERED),
-        force_covered=mean(np.abs(missed[known] / force_std[known]) < _COVERED),
-        silent=int((score > _SILENT).sum()),
-        ms=ms,
-        ratio=ms / first_ms,
+    size, placed, forced = np.linalg.norm(true, axis=1), np.isfinite(off), np.isfinite(missed)
+    answered, stated, known = placed | forced.all(axis=1), np.isfinite(std) & placed, np.isfinite(force_std) & forced
+    drawn = least.drawn(answered, _BOUND_DRAWS)
+    found = SimpleNamespace(
+        answered=answered,
+        off=off[placed],
+        drawn=drawn,
+        missed_part=np.linalg.norm(missed, axis=1) / size,
+        lateral=np.linalg.norm(drawn[..., 1:], axis=-1) / size[answered],
+        score=np.abs(off[stated]) / std[stated],
+        force_score=np.abs(missed[known] / force_std[known]),
     )
+    return row_of(ContactsRow, found, *names, ms=ms, ratio=ms / first_ms)
 
 
 def at_shares(scenes: Scenes, ends: tuple[float, float]) -> np.ndarray:
@@ -214,35 +216,10 @@ def from_curvature(frames: Scenes) -> Answer:
     return _unstated(np.full(len(frames), np.nan), force)
 
 
-def pyelastica(frames: Scenes) -> Answer:
-    """By SciPy's least squares over distance and force, with shapes that a rod in PyElastica comes to rest in."""
-    interpreter = interpreter_of("elastica")
-    found = np.full((len(frames), 3), np.nan)
-    with tempfile.TemporaryDirectory() as folder:
-        path = f"{folder}/antenna.py"
-        export(frames.rig, "pyelastica", path, segments=_SEGMENTS)
-        for index in range(len(frames)):  # each from a rod at rest
-            command = [interpreter or "", PEERS, "", CONTACTS, path]
-            with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as peer:
-
-                def bent(at_m: float, force_N: np.ndarray, peer: subprocess.Popen[str] = peer) -> np.ndarray:
-                    assert peer.stdin is not None
-                    assert peer.stdout is not None
-                    print(json.dumps({"at_m": at_m, "force_N": force_N.tolist()}), file=peer.stdin, flush=True)
-                    line = next(line for line in peer.stdout if line.startswith(MARK))
-                    return np.array(json.loads(line.removeprefix(MARK))["nodes_m"])
-
-                found[index] = one_contact(frames, index, bent)
-    return _bent_forces(frames, found)
-
-
-_FEW = {"PyElastica least squares": 2}
-"""Contacts of each kind that a method gets which takes many seconds for one."""
 METHODS: dict[str, Callable[[Scenes], Answer]] = {
     "ours": ours,
     "ours, no moment": lambda frames: ours(frames, moment=False),
     "SciPy least squares": scipy_loop,
-    "PyElastica least squares": pyelastica,
     "curvature near the base, place known": from_curvature,
     "the paper's two points": two_points,
 }
@@ -259,15 +236,12 @@ def contacts(kind: str, count: int, noise_px: float, rng: np.random.Generator) -
 
 def _rows(kind: str, noise_px: float, frames: Scenes) -> list[ContactsRow]:
     rows: list[ContactsRow] = []
+    least = bound(frames)
     for name, method in METHODS.items():
-        if method is pyelastica and interpreter_of("elastica") is None:
-            continue
-        some = frames.picked(np.arange(min(len(frames), _FEW.get(name, len(frames)))))
-        if name not in _FEW:
-            method(frames.picked(np.arange(min(2, len(frames)))))  # what is made ready once
-        found, seconds = timed(lambda: method(some))  # noqa: B023
-        ms = 1e3 * seconds / len(some)
-        rows.append(judged((kind, noise_px, name), [some], [found], bound(some), ms, rows[0].ms if rows else ms))
+        method(frames.picked(np.arange(min(2, len(frames)))))  # what is made ready once
+        found, seconds = timed(lambda: method(frames))  # noqa: B023
+        ms = 1e3 * seconds / len(frames)
+        rows.append(judged((kind, noise_px, name), [frames], [found], least, ms, rows[0].ms if rows else ms))
     return rows
 
 
@@ -350,8 +324,8 @@ def cameras_text(rows: Sequence[ContactsRow]) -> str:
 
 _MARKS = dict(
     zip(
-        ("ours", "ours, no moment", "SciPy", "PyElastica", "the paper"),
-        zip(COLOURS, "osD^v", strict=False),
+        ("ours", "ours, no moment", "SciPy", "the paper"),
+        zip(COLOURS, "osDv", strict=False),
         strict=True,
     )
 )
@@ -386,14 +360,6 @@ def measure(options: Options) -> Findings:
     headline = f"spatial, 0.05 px: {best.place_median_mm:.2f} mm median; {scipy.ms / best.ms:.0f} times SciPy's speed"
     several = by_cameras(options.draws, options.seed)
     text = f"{table(rows, 'contacts by every method', once=2)}\n\n{cameras_text(several)}"
-    peer = interpreter_of("elastica")
-    if peer is None:
-        text += f"\nPyElastica: absent ({INTERPRETERS} names the interpreter that has it)"
     return Findings(
-        text,
-        {"race.csv": rows, "race_cameras.csv": several},
-        {"race.png": lambda: figure(rows)},
-        {},
-        headline,
-        versions(["elastica"]),
+        text, {"race.csv": rows, "race_cameras.csv": several}, {"race.png": lambda: figure(rows)}, {}, headline
     )

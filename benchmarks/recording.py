@@ -14,14 +14,13 @@ import numpy as np
 
 from benchmarks.estimator.setup import drawn_truth
 from benchmarks.harness import Draws, Findings, Options, column, picked, rms, row_of, table, timed
-from benchmarks.object.scenes import AXIS, CENTRE, PIN_M, RIGID, SETUP, SOFT, Recorded, contacts, played
+from benchmarks.object.scenes import RIGID, SETUP, SOFT, Recorded, contacts, played
 from estimator.recording import refine
 from estimator.recording.problem import FrictionPrior
 from estimator.recording.refined import _begun as begun
 from estimator.table.contacts import ContactTable, Measured
 from vbaa_calib.core.console import progress
 from vbaa_calib.rig import Rig
-from vbaa_calib.session import KnownObject
 
 _WIDE = 1.96
 _WORSE = 0.2
@@ -30,10 +29,6 @@ _KNOWN_ANGLE_RAD = 1e-3
 """The bound's friction angle: known."""
 PLAYED = 296
 """Frames of a recording as it is played; longer ones repeat it with other noise, shorter ones are its first frames."""
-LONG = 10_000
-PIN_STD_M = 5e-5
-_OFF, _GOAL = 3.0, 1.2
-"""How many deviations a rig is off before it is recalibrated, and how near it is to come to a fresh calibration."""
 
 
 @dataclass(frozen=True)
@@ -200,81 +195,16 @@ def run(draws: int, seed: int, cells: Sequence[Cell] = CELLS) -> list[RecordingR
     return rows
 
 
-@dataclass(frozen=True)
-class KnownRow:
-    """Rigs that are off by three deviations in every direction, recalibrated by a pin at a known place: rms of the
-    contact points of another recording, frame by frame.
-
-    fresh_mm : with a rig as a calibration leaves it. ratio : recalibrated over fresh. updated : share of rigs that
-    were.
-    """
-
-    draws: int = column("rigs", "d")
-    updated: float = column("updated %", ".0f", 100.0)
-    off_mm: float = column("off mm", ".2f")
-    recalibrated_mm: float = column("recalibrated mm", ".2f")
-    fresh_mm: float = column("fresh mm", ".2f")
-    ratio: float = column("ratio", ".2f")
-    worst: float = column("worst change, std", ".1f")
-
-
-def recalibrated(draws: int, seed: int) -> KnownRow:
-    """A pin stroked with rigs that are off, and the same rigs on a sphere afterwards."""
-    pin, sphere = played("pin", RIGID, 0.1), played("sphere", RIGID, 0.1)
-    line = KnownObject("pin", CENTRE, AXIS, PIN_STD_M, PIN_M)
-    errors: dict[str, list[np.ndarray]] = {"off": [], "recalibrated": [], "fresh": []}
-    updated, worst = 0, []
-    for index in range(draws):
-        rng = np.random.default_rng((seed, 77, index))
-        calibrated = replace(SETUP, exact=False).rig()
-        wide = calibrated.with_covariance(_OFF**2 * calibrated.covariance)
-        off = drawn_truth(wide, rng).with_covariance(calibrated.covariance)
-        touched = pin.noisy(rng, off)
-        found = refine(contacts(touched), off, measured(touched), line)
-        updated += not found.reason
-        std = np.sqrt(np.diag(found.rig.covariance))
-        worst.append(np.abs(found.rig.step_from(SETUP.rig())[:17][std > 0.0] / std[std > 0.0]).max())
-        other = sphere.noisy(rng)
-        for name, rig in (("off", off), ("recalibrated", found.rig), ("fresh", drawn_truth(calibrated, rng))):
-            given = contacts(replace(other, given=rig))
-            right = given.located & other.truth.in_contact
-            errors[name].append((given.point_world_m - other.truth.point_world_m)[right])
-    sizes = {name: 1e3 * _square(np.concatenate(each)) for name, each in errors.items()}
-    ratio = sizes["recalibrated"] / sizes["fresh"]
-    return KnownRow(
-        draws, updated / draws, sizes["off"], sizes["recalibrated"], sizes["fresh"], ratio, float(np.median(worst))
-    )
-
-
-def long_seconds(frames: int, seed: int) -> float:
-    """Processor time to refine so many frames."""
-    rng = np.random.default_rng((seed, 99))
-    recorded = lengthened(played("cylinder", RIGID, 0.3), frames)
-    recorded = recorded.noisy(rng, drawn_truth(replace(SETUP, exact=False).rig(), rng))
-    found, lines = contacts(recorded), measured(recorded)
-    return timed(lambda: refine(found, recorded.given, lines))[1]
-
-
 QUICK = (CELLS[1], CELLS[6])
 
 
 def measure(options: Options) -> Findings:
-    """Every cell, recalibration by a known object, and a long recording's time; a draw is one rig and recording."""
+    """Every cell; a draw is one rig and recording."""
     rows = run(options.draws, options.seed, QUICK if options.quick else CELLS)
-    known = recalibrated(max(options.draws // 2, 1), options.seed)
-    frames = PLAYED if options.quick else LONG
-    seconds = long_seconds(frames, options.seed)
-    text = "\n\n".join(
-        [
-            table(rows, "contact points refined and frame by frame, rms over rigs"),
-            table([known], "rigs off by three deviations, recalibrated by a pin at a known place"),
-            f"{frames} frames refined in {seconds:.1f} s of a processor",
-        ]
-    )
     ratios, bounds = [row.ratio for row in rows], [row.of_bound for row in rows]
     return Findings(
-        text,
-        {"recording.csv": rows, "recording_known.csv": [known]},
-        numbers={"rows": rows, "known": known, "frames": frames, "seconds": seconds},
+        table(rows, "contact points refined and frame by frame, rms over rigs"),
+        {"recording.csv": rows},
+        numbers={"rows": rows},
         headline=f"points {min(ratios):.2f} to {max(ratios):.2f} of frame-wise, {max(bounds):.2f} × the bound at most",
     )

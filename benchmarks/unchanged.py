@@ -14,107 +14,57 @@ import hashlib
 import io
 import json
 import math
-import os
 import shutil
-import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[1]
+from benchmarks.waiting.trees import HERE, VBAA, Tree, older
+
 SCENES = ("demo", "upright_knife", "steep_sphere")
 _OURS_ALONE = ("created", "command", "versions", "inputs", "seconds", "argv", "rig_file", "session", "files", "report")
 """Keys of JSON files about the run, not its result."""
 
 
-# --- what one tree gives; the working directory is that tree, and comes first on sys.path
+STEPS = (
+    "simulate {scene} -o session",
+    "calibrate session -o rig.json",
+    "check rig.json session -o check_written.json --json",
+    "estimate session --rig rig.json -o contacts.csv --no-report --json",
+    "track contacts.csv --rig rig.json -o track.csv",
+    "reconstruct contacts.csv --rig rig.json -o object.ply",
+    "budget rig.json --json",
+    "convert rig.json --to opencv -o camera.yaml",
+)
 
 
-def record(folder: Path) -> None:
-    """Run the scenes with the tree in the working directory and leave their results in a folder."""
-    for name in SCENES:
-        place = folder / name
+def record(tree: Tree, folder: Path) -> None:
+    """Run the scenes with a tree and leave their results in a folder, simulated pictures as digests."""
+    for scene in SCENES:
+        place = folder / scene
         place.mkdir(parents=True, exist_ok=True)
-        steps = (
-            f"simulate {name} -o session",
-            "calibrate session -o rig.json",
-            "check rig.json session -o check_written.json --json",
-            "estimate session --rig rig.json -o contacts.csv --no-report --json",
-            "track contacts.csv --rig rig.json -o track.csv",
-            "reconstruct contacts.csv --rig rig.json -o object.ply",
-            "budget rig.json --json",
-            "convert rig.json --to opencv -o camera.yaml",
-        )
-        for step in steps:
-            said = _vbaa(step, place)
+        for step in STEPS:
+            said = tree.run("-c", VBAA, *step.format(scene=scene).split(), cwd=place).said
             if "--json" in step:
                 (place / f"{step.split()[0]}.json").write_text(said)
         files = sorted(path for path in (place / "session").rglob("*") if path.is_file())
         digests = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
         (place / "simulated.json").write_text(json.dumps(digests, indent=0))
         shutil.rmtree(place / "session")
-
-
-def _vbaa(line: str, place: Path) -> str:
-    """What the command prints. Raises SystemExit where it fails."""
-    environment = os.environ | {"PYTHONPATH": str(Path.cwd()), "OMP_NUM_THREADS": "1"}
-    command = [
-        sys.executable,
-        "-c",
-        "import sys; from vbaa_calib.cli.main import main; sys.exit(main())",
-        *line.split(),
-    ]
-    done = subprocess.run(command, cwd=place, env=environment, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise SystemExit(f"{place}: vbaa {line}: exit {done.returncode}: {done.stderr.strip()[-300:]}")
-    return done.stdout
-
-
-# --- two trees side by side
+    (folder / "done").touch()
 
 
 def against(revision: str, within: float, keep: Path) -> list[str]:
     """Differences, one line each; results of `revision` are taken from `keep` where it has them."""
-    commit = _git("rev-parse", revision)
-    old, new = keep / commit / "scenes", keep / "this" / "scenes"
+    then = older(revision)
+    old, new = keep / then.folder.parent.name / "scenes", keep / "this" / "scenes"
     if not (old / "done").exists():
-        with tempfile.TemporaryDirectory() as name:
-            tree = Path(name, "tree")
-            _git("worktree", "add", "--detach", str(tree), commit)
-            try:
-                _build_core(tree)
-                _recorded(tree, old)
-            finally:
-                _git("worktree", "remove", "--force", str(tree))
+        record(then, old)
     shutil.rmtree(new, ignore_errors=True)
-    _recorded(ROOT, new)
+    record(HERE, new)
     return list(differences(old, new, within))
-
-
-def _build_core(tree: Path) -> None:
-    """Build a tree's compiled core for this machine, where it has one, by the tools that `make test` installs."""
-    native, cmake = tree / "vbaa_calib" / "native", Path(sys.executable).with_name("cmake")
-    if not (native / "CMakeLists.txt").exists():
-        return
-    found = [f"-DPython_EXECUTABLE={sys.executable}", f"-DCMAKE_MAKE_PROGRAM={cmake.with_name('ninja')}"]
-    for words in (["-S", ".", "-B", ".", "-G", "Ninja", "-DLEVELS=own", *found], ["--build", "."]):
-        done = subprocess.run([cmake, *words], cwd=native, capture_output=True, text=True, check=False)
-        if done.returncode:
-            raise SystemExit(f"{tree}: the core cannot be built: {done.stdout.strip()[-300:]}{done.stderr[-300:]}")
-
-
-def _recorded(tree: Path, folder: Path) -> None:
-    command = [sys.executable, "-P", str(Path(__file__).resolve()), "--record", "--keep", str(folder.resolve())]
-    done = subprocess.run(command, cwd=tree, env=os.environ | {"PYTHONPATH": str(tree)}, check=False)
-    if done.returncode or not any(path.stat().st_size for path in folder.rglob("*")):
-        raise SystemExit(f"{tree} failed: there is nothing to compare")
-    (folder / "done").touch()
-
-
-def _git(*words: str) -> str:
-    return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
 
 
 def differences(old: Path, new: Path, within: float) -> Iterator[str]:
@@ -154,17 +104,12 @@ def _close(one: Any, other: Any, within: float) -> bool:
 
 
 def main() -> int:
-    """The command line above; `--record` is what it calls in each tree."""
+    """The command line above."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("revision", nargs="?", default="HEAD")
     parser.add_argument("--within", type=float, default=0.0, help="relative tolerance of numbers (default: none)")
     parser.add_argument("--keep", type=Path, default=Path(tempfile.gettempdir(), "vbaa-unchanged"))
-    parser.add_argument("--record", action="store_true", help=argparse.SUPPRESS)
     args = parser.parse_args()
-    if args.record:
-        sys.path.insert(0, str(Path.cwd()))
-        record(args.keep)
-        return 0
     apart = against(args.revision, args.within, args.keep)
     print("\n".join(apart) or "unchanged")
     return int(bool(apart))

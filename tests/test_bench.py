@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.estimator import grid as estimator_grid
 from benchmarks.estimator.grid import QUANTITIES
-from benchmarks.estimator.hard import CASES, Hard, deviations, estimated, judged_at_random, resized
+from benchmarks.estimator.hard import CASES, deviations, judged_at_random, resized
 from benchmarks.estimator.hard import run as run_hard
 from benchmarks.estimator.setup import Setup
 from benchmarks.mistakes.rigs import KINDS, Kind, calibrated_rig
@@ -86,8 +86,8 @@ def test_hard_cases_never_raise_and_keep_to_their_deviations() -> None:
 
 def test_contacts_near_the_tip_are_as_uncertain_as_stated() -> None:
     """200 within 3 % of it, whether they are taken for the tip's or not: mean squares of their standardised errors."""
-    hard = CASES["l → L"](200, np.random.default_rng(1))
-    assert all(np.nanmean(off**2) < 1.25 for off in deviations(estimated(hard), hard.scenes))
+    frames = CASES["l → L"](200, np.random.default_rng(1))
+    assert all(np.nanmean(off**2) < 1.25 for off in deviations(frames.estimated(), frames))
 
 
 def test_size_does_not_matter() -> None:
@@ -95,7 +95,7 @@ def test_size_does_not_matter() -> None:
     frames = population(Setup().rig(), 5, 3)
     length, large = frames.rig.antenna.length_m, resized(frames.rig, 1e3)
     twin = replace(frames, rig=large, moment_Nm=1e3 * frames.moment_Nm)
-    ours, theirs = (estimated(Hard(each), "elastica").distance_m for each in (frames, twin))
+    ours, theirs = (each.estimated("elastica").distance_m for each in (frames, twin))
     np.testing.assert_allclose(theirs / (1e3 * length), ours / length, rtol=1e-6)
 
 

@@ -12,13 +12,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.estimator.hard import CASES, Hard
+from benchmarks.estimator.hard import CASES
+from benchmarks.estimator.scenes import Scenes
 from benchmarks.processors import Report, apart, of_contacts, of_lens
 from estimator import ContactEstimator
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
 from vbaa_calib.calibrate.lens.models import LENS_MODELS
 from vbaa_calib.detect.board.corners import BoardView
-from vbaa_calib.rig import Rig
 
 from .calibrate.photo_sets import detected
 
@@ -73,13 +73,12 @@ def test_lenses_of_real_photographs(name: str, model: str) -> None:
 # centrelines to contacts
 
 
-def estimated(hard: Hard, rig: Rig, order: Sequence[int], points: Callable[[int], np.ndarray], rng: Rng) -> Report:
+def estimated(frames: Scenes, order: Sequence[int], points: Callable[[int], np.ndarray], rng: Rng) -> Report:
     """Frames in an order, points of each as `points` picks them, all of it moved by nothing; reported as they came."""
-    scenes = hard.scenes
-    lines = [moved(np.asarray(hard.points_px[index], float)[points(index)], rng) for index in order]
-    readings = moved(scenes.moment_Nm, rng)[order] if hard.with_moment else None
-    found = ContactEstimator(rig).estimate_batch(
-        lines, readings, scenes.pan_rad[order], scenes.tilt_rad[order], sigma_px=scenes.sigma_px
+    lines = [moved(np.asarray(frames.points_px[index], float)[points(index)], rng) for index in order]
+    joints = frames.pan_rad[order], frames.tilt_rad[order]
+    found = ContactEstimator(frames.rig).estimate_batch(
+        lines, moved(frames.moment_Nm, rng)[order], *joints, sigma_px=frames.sigma_px
     )
     back = np.argsort(order)
     report = of_contacts(found)
@@ -91,7 +90,7 @@ def estimated(hard: Hard, rig: Rig, order: Sequence[int], points: Callable[[int]
 @pytest.mark.parametrize("name", CASES)
 def test_hard_cases_of_the_estimator(name: str, count: int) -> None:
     """Pixels and readings moved by nothing, points and frames in another order."""
-    hard = CASES[name](count, np.random.default_rng(7))
-    size, rng = hard.points_px.shape[1], np.random.default_rng(4)
-    one = estimated(hard, hard.scenes.rig, np.arange(count), lambda _: np.arange(size), rng)
-    held(one, estimated(hard, hard.scenes.rig, rng.permutation(count), lambda _: rng.permutation(size), rng))
+    frames = CASES[name](count, np.random.default_rng(7))
+    size, rng = frames.points_px.shape[1], np.random.default_rng(4)
+    one = estimated(frames, np.arange(count), lambda _: np.arange(size), rng)
+    held(one, estimated(frames, rng.permutation(count), lambda _: rng.permutation(size), rng))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
@@ -11,21 +9,18 @@ from scipy.optimize import least_squares
 from benchmarks.estimator.scenes import Scenes
 from vbaa_calib.antenna.rungs import curves
 
-Bent = Callable[[float, np.ndarray], np.ndarray]
-"""From contact distance, m, and f_y and f_z, N, to nodes (M, 3) of the antenna, antenna frame."""
-
 _FORCE_SCALE_N, _DISTANCE_SCALE_M = 0.01, 0.01
-_STEP, _MOST = 2e-3, 400
-"""Of the difference quotients of shapes that came to rest, in parts of the unknowns; evaluations at most."""
+_MOST = 400
+"""Evaluations at most."""
 _START = 0.6
 """Contact distance over length that is tried where the straight line says nothing."""
 
 
-def one_contact(scenes: Scenes, index: int, bent: Bent | None = None) -> np.ndarray:
+def one_contact(scenes: Scenes, index: int) -> np.ndarray:
     """(3,) contact distance in m, f_y and f_z in N of one frame; NaN where the fit breaks down.
 
-    Levenberg–Marquardt over the three on the rung `elastica`, or with another program's shapes, by SciPy's difference
-    quotients, for a camera that sees the antenna along the picture's u. Rig and friction are taken as exactly known.
+    Levenberg–Marquardt over the three on the rung `elastica`, by SciPy's difference quotients, for a camera that sees
+    the antenna along the picture's u. Rig and friction are taken as exactly known.
     """
     rig, sensor = scenes.rig, scenes.rig.moment_sensor
     antenna, to_camera = rig.antenna, rig.T_antenna_camera.inverse()
@@ -40,16 +35,14 @@ def one_contact(scenes: Scenes, index: int, bent: Bent | None = None) -> np.ndar
         contact = np.clip(unknowns[:1] * _DISTANCE_SCALE_M, 1e-3, antenna.length_m)
         force = unknowns[None, 1:] * _FORCE_SCALE_N
         shape = curves("elastica", parameters, antenna.length_m, gravity, contact, force, taper=antenna.taper)
-        points_m = shape.points_m[0] if bent is None else bent(contact[0], force[0])
-        pixels, _ = rig.camera.project(to_camera @ points_m)
+        pixels, _ = rig.camera.project(to_camera @ shape.points_m[0])
         curve = CubicSpline(pixels[:, 0], pixels[:, 1])
         across = (v - curve(u)) / np.sqrt(1.0 + curve(u, 1) ** 2)
         by_moment = sensor.gain * (reading - shape.moment_Nm[0]) / sensor.std_Nm
         return np.append(across / scenes.sigma_px, by_moment)
 
     try:
-        step = None if bent is None else _STEP
-        found = least_squares(residuals, _start(scenes, index, reading), method="lm", diff_step=step, max_nfev=_MOST)
+        found = least_squares(residuals, _start(scenes, index, reading), method="lm", max_nfev=_MOST)
     except ValueError:  # a step to a shape that runs back in the picture, which the spline refuses
         return np.full(3, np.nan)
     return np.asarray(found.x * [_DISTANCE_SCALE_M, _FORCE_SCALE_N, _FORCE_SCALE_N])

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from benchmarks.harness import column, rms, shares, table
+from benchmarks.harness import column, largest, median, rms, row_of, shares, table
 from estimator.contact.contacts import Contacts
 from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import InputError
@@ -21,24 +22,11 @@ from .scenes import Scenes, push_for_deflection, push_for_slope, rod_shapes, rol
 from .setup import ACROSS, LENGTH_M, LENSES, SIGMA_PX, TOWARDS_CLAMP, Setup, drawn_truth, looking_pose
 
 Rng = np.random.Generator
-Maker = Callable[[int, Rng], "Hard"]
+Maker = Callable[[int, Rng], Scenes]
+"""Makes noisy frames of one case; a moment is NaN where the case has no sensor."""
 _UPRIGHT = Setup()
 _ORDINARY_M = 0.006
 """Deflection at the contact where a case is hard for something else."""
-
-
-@dataclass(frozen=True, eq=False)
-class Hard:
-    """Frames of one case, noisy, and how the estimator is given them."""
-
-    scenes: Scenes
-    with_moment: bool = True
-    single: bool = False
-
-    @property
-    def points_px(self) -> np.ndarray:
-        """(B, N, 2), in single precision where the case asks for it."""
-        return self.scenes.points_px.astype(np.float32) if self.single else self.scenes.points_px
 
 
 def _touched(
@@ -57,39 +45,48 @@ def _ordinary(count: int, rng: Rng, rig: Rig | None = None, roll_rad: float | No
     return scenes(rig, distance, rolled(size, roll if roll_rad is None else roll_rad)).noisy(rng)
 
 
-def _edge_on(count: int, rng: Rng) -> Hard:
+def _edge_on(count: int, rng: Rng) -> Scenes:
     """The camera's centre within 0.02 rad of the deformation plane."""
     rig = Setup(tilt_rad=np.radians(40.0), azimuth_rad=ACROSS).rig()
     centre = rig.T_antenna_camera.translation_m
     distance, size, _ = _touched(rig, rng, count)
     roll = np.arctan2(centre[2], centre[1]) + rng.uniform(-0.02, 0.02, count)
-    return Hard(scenes(rig, distance, rolled(size, roll)).noisy(rng))
+    return scenes(rig, distance, rolled(size, roll)).noisy(rng)
 
 
-def _huge_load(count: int, rng: Rng) -> Hard:
+def _huge_load(count: int, rng: Rng) -> Scenes:
     rig = Setup(swing_m=0.15).rig()
     distance, _, roll = _touched(rig, rng, count)
     size = push_for_slope(np.radians(rng.uniform(45.0, 75.0, count)), distance, rig.antenna.stiffness_Nm2)
-    return Hard(scenes(rig, distance, rolled(size, roll)).noisy(rng))
+    return scenes(rig, distance, rolled(size, roll)).noisy(rng)
 
 
-def _coincident(count: int, rng: Rng) -> Hard:
+def _coincident(count: int, rng: Rng) -> Scenes:
     frames = _ordinary(count, rng)
     one = np.repeat(frames.points_px[:, 150:151], frames.points_px.shape[1], axis=1)
-    return Hard(replace(frames, points_px=one + rng.normal(0.0, SIGMA_PX, one.shape)))
+    return replace(frames, points_px=one + rng.normal(0.0, SIGMA_PX, one.shape))
 
 
-def _with(rig_of: Callable[[], Rig] = _UPRIGHT.rig, with_moment: bool = True, **how: Any) -> Maker:
+def _with(rig_of: Callable[[], Rig] = _UPRIGHT.rig, **how: Any) -> Maker:
     """Ordinary frames, but for the rig, the roll, the reach or the deflection."""
-    return lambda count, rng: Hard(_ordinary(count, rng, rig_of(), **how), with_moment)
+    return lambda count, rng: _ordinary(count, rng, rig_of(), **how)
+
+
+def _no_sensor(setup: Setup) -> Maker:
+    return lambda count, rng: replace(_ordinary(count, rng, setup.rig()), moment_Nm=np.full(count, np.nan))
+
+
+def _single(count: int, rng: Rng) -> Scenes:
+    frames = _ordinary(count, rng)
+    return replace(frames, points_px=frames.points_px.astype(np.float32))
 
 
 def _without(hidden: Callable[[Scenes, Rng], np.ndarray]) -> Maker:
     """Ordinary frames without the points (N,) or (B, N) that a function names."""
 
-    def make(count: int, rng: Rng) -> Hard:
+    def make(count: int, rng: Rng) -> Scenes:
         frames = _ordinary(count, rng)
-        return Hard(replace(frames, points_px=np.where(hidden(frames, rng)[..., None], np.nan, frames.points_px)))
+        return replace(frames, points_px=np.where(hidden(frames, rng)[..., None], np.nan, frames.points_px))
 
     return make
 
@@ -113,15 +110,15 @@ CASES: dict[str, Maker] = {
         lambda: replace(_UPRIGHT.rig(), T_antenna_camera=looking_pose(0.2, TOWARDS_CLAMP, 0.06))
     ),
     "τ = 0": _with(roll_rad=0.0),
-    "no sensor, camera at 45°": _with(Setup(tilt_rad=np.radians(45.0)).rig, with_moment=False),
-    "no sensor, upright camera": _with(with_moment=False),
+    "no sensor, camera at 45°": _no_sensor(Setup(tilt_rad=np.radians(45.0))),
+    "no sensor, upright camera": _no_sensor(_UPRIGHT),
     "slopes of 45 to 75°": _huge_load,
     "2 points": _few_points(2),
     "3 points": _few_points(3),
     "5 points": _few_points(5),
     "40 % missing": _without(lambda frames, rng: rng.random(frames.points_px.shape[:2]) < 0.4),
-    "20 % outliers": lambda count, rng: Hard(with_outliers(_ordinary(count, rng), 0.2, rng)),
-    "float32 pixels": lambda count, rng: Hard(_ordinary(count, rng), single=True),
+    "20 % outliers": lambda count, rng: with_outliers(_ordinary(count, rng), 0.2, rng),
+    "float32 pixels": _single,
     "1000 times larger": _with(lambda: resized(_UPRIGHT.rig(), 1e3)),
     "1000 times smaller": _with(lambda: resized(_UPRIGHT.rig(), 1e-3)),
 }
@@ -162,14 +159,14 @@ class HardRow:
 
     case: str = column("case")
     frames: int = column("frames", "d")
-    numbered: float = column("numbers %", ".1f", 100)
-    statuses: str = column("statuses")
-    l_rms_std: float = column("l rms", ".2f", default=np.nan)
-    l_max_std: float = column("l max", ".2f", default=np.nan)
-    l_rms_mm: float = column("l mm", ".2f", default=np.nan)
-    f_rms_std: float = column("force rms", ".2f", default=np.nan)
-    f_max_std: float = column("max", ".2f", default=np.nan)
-    condition: float = column("condition", ".1e", default=np.nan)
+    numbered: float = column("numbers %", ".1f", 100, lambda d: float(d.numbered.mean()))
+    statuses: str = column("statuses", of=lambda d: shares(d.status))
+    l_rms_std: float = column("l rms", ".2f", of=lambda d: rms(d.off_l), default=np.nan)
+    l_max_std: float = column("l max", ".2f", of=lambda d: largest(d.off_l), default=np.nan)
+    l_rms_mm: float = column("l mm", ".2f", of=lambda d: rms(d.miss_mm), default=np.nan)
+    f_rms_std: float = column("force rms", ".2f", of=lambda d: rms(d.off_f), default=np.nan)
+    f_max_std: float = column("max", ".2f", of=lambda d: largest(d.off_f), default=np.nan)
+    condition: float = column("condition", ".1e", of=lambda d: median(d.condition), default=np.nan)
     exception: str = column("exception", default="")
 
 
@@ -179,34 +176,23 @@ def run(frames: int, seed: int) -> list[HardRow]:
     return [_judged(name, make(frames, np.random.default_rng((seed, number)))) for number, (name, make) in each]
 
 
-def _judged(name: str, hard: Hard) -> HardRow:
-    frames = hard.scenes
+def _judged(name: str, frames: Scenes) -> HardRow:
     try:
-        found = estimated(hard)
+        found = frames.estimated()
     except Exception as error:  # whatever it is: that it was raised at all is the result
         return HardRow(name, len(frames), 0.0, "", exception=f"{type(error).__name__}: {error}")
     numbered, condition = np.isfinite(found.distance_m), found.numbers.condition
     off_l, off_f = (off[numbered] for off in deviations(found, frames))
-    miss_mm = 1e3 * LENGTH_M / frames.rig.antenna.length_m * (found.distance_m - frames.distance_m)[numbered]
-    return HardRow(
-        name,
-        len(frames),
-        float(numbered.mean()),
-        shares(found.status),
-        *(rms(off_l), _of_any(np.max, np.abs(off_l)), rms(miss_mm), rms(off_f), _of_any(np.max, np.abs(off_f))),
-        _of_any(np.median, condition[np.isfinite(condition)]),
+    per_mm = 1e3 * LENGTH_M / frames.rig.antenna.length_m
+    judged = SimpleNamespace(
+        numbered=numbered,
+        status=found.status,
+        off_l=off_l,
+        off_f=off_f,
+        miss_mm=per_mm * (found.distance_m - frames.distance_m)[numbered],
+        condition=condition[np.isfinite(condition)],
     )
-
-
-def _of_any(statistic: Callable[[np.ndarray], Any], values: np.ndarray) -> float:
-    return float(statistic(values)) if len(values) else np.nan
-
-
-def estimated(hard: Hard, model: str = "auto") -> Contacts:
-    """The case's frames by the estimator, which knows the true deviation of a point and expects no friction."""
-    frames = hard.scenes
-    moment = frames.moment_Nm if hard.with_moment else None
-    return frames.estimated(model, points_px=hard.points_px, moment_Nm=moment)
+    return row_of(HardRow, judged, name, len(frames))
 
 
 def deviations(found: Contacts, frames: Scenes) -> tuple[np.ndarray, np.ndarray]:
@@ -251,16 +237,6 @@ class HostileRow:
     failure: str = ""
 
 
-@dataclass(frozen=True, eq=False)
-class Replayed:
-    """A chunk's frames, as the estimator gets them: readings (B,) may be NaN, for None. `rig` in words."""
-
-    scenes: Scenes
-    readings_Nm: np.ndarray
-    touched: np.ndarray
-    rig: str
-
-
 def hostile(count: int, seed: int) -> list[HostileRow]:
     """So many frames, a chunk of them at a time."""
     starts = progress(range(0, count, _CHUNK), "chunks", -(-count // _CHUNK))
@@ -269,33 +245,27 @@ def hostile(count: int, seed: int) -> list[HostileRow]:
 
 def judged_at_random(seed: int, chunk: int, frames: int) -> HostileRow:
     """One chunk's row."""
-    drawn = replay(seed, chunk, frames)
+    drawn, rig = replay(seed, chunk, frames)
     try:
-        found = estimated_at_random(drawn)
+        found = drawn.estimated(friction_std_rad=FRICTION_STD_RAD)
     except Exception as error:  # whatever it is: that it was raised at all is the result
-        return HostileRow(seed, chunk, drawn.rig, frames, exceptions=1, failure=f"{type(error).__name__}: {error}")
-    claimed = np.isin(found.status, ("ok", "tip_contact"))
-    judged = claimed & drawn.touched
-    off = np.where(judged[:, None], np.abs(np.column_stack(deviations(found, drawn.scenes))), 0.0)
+        return HostileRow(seed, chunk, rig, frames, exceptions=1, failure=f"{type(error).__name__}: {error}")
+    claimed, touched = np.isin(found.status, ("ok", "tip_contact")), drawn.touches.push_N.any(axis=1)
+    judged = claimed & touched
+    off = np.where(judged[:, None], np.abs(np.column_stack(deviations(found, drawn))), 0.0)
     unclaimed = np.isnan(found.force_N) & np.array([False, True, True])
     ranked = np.where(unclaimed, 0.0, np.where(np.isnan(off), np.inf, off))
     index, quantity = np.unravel_index(np.argmax(ranked), off.shape)
     return HostileRow(
-        *(seed, chunk, drawn.rig, frames),
-        nan=int((claimed & ~complete(found, drawn.readings_Nm)).sum()),
+        *(seed, chunk, rig, frames),
+        nan=int((claimed & ~complete(found, drawn.moment_Nm)).sum()),
         claimed=int(claimed.sum()),
         beyond=int((off > _FAR_STD).any(axis=1).sum()),
-        imagined=int((claimed & ~drawn.touched).sum()),
+        imagined=int((claimed & ~touched).sum()),
         statuses=shares(found.status),
         worst=f"{('l', 'f_y', 'f_z')[quantity]} of frame {index}" if judged.any() else "",
         worst_std=float(ranked[index, quantity]) if judged.any() else np.nan,
     )
-
-
-def estimated_at_random(drawn: Replayed) -> Contacts:
-    """The chunk by the estimator as it comes."""
-    readings = [None if np.isnan(reading) else float(reading) for reading in drawn.readings_Nm]
-    return drawn.scenes.estimated("auto", FRICTION_STD_RAD, moment_Nm=readings)
 
 
 _PLACE = ("distance_m", "distance_std_m", "point_antenna_m", "point_world_m", "covariance_world_m2")
@@ -315,8 +285,9 @@ def complete(found: Contacts, readings: np.ndarray) -> np.ndarray:
     return place & force & alike & ~(found.force_std_N[:, 1:] <= 0.0).any(axis=1)
 
 
-def replay(seed: int, chunk: int, frames: int = _CHUNK) -> Replayed:
-    """The frames of one chunk again. Another number of frames makes others: give the row's own."""
+def replay(seed: int, chunk: int, frames: int = _CHUNK) -> tuple[Scenes, str]:
+    """The frames of one chunk again, without a reading NaN, and their rig in words. Another number of frames makes
+    others: give the row's own."""
     rng = np.random.default_rng((seed, chunk))
     setup = _setup(rng)
     given = setup.rig()
@@ -349,7 +320,7 @@ def replay(seed: int, chunk: int, frames: int = _CHUNK) -> Replayed:
         f"{setup.lens}, tilt {np.degrees(setup.tilt_rad):.0f}°, azimuth {np.degrees(setup.azimuth_rad):.0f}°, "
         f"{'exact' if setup.exact else 'calibrated'}, {len(clean.arclength_m)} points, {clean.sigma_px:.2f} px"
     )
-    return Replayed(noisy, readings, touched, words)
+    return replace(noisy, moment_Nm=readings), words
 
 
 def _setup(rng: np.random.Generator) -> Setup:

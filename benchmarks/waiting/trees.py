@@ -11,7 +11,6 @@ import subprocess
 import sys
 import sysconfig
 import tarfile
-import time
 import tomllib
 import venv
 from dataclasses import dataclass
@@ -25,6 +24,18 @@ from vbaa_calib.core.errors import InputError, SolveError
 ROOT = Path(__file__).resolve().parents[2]
 _WORKER = Path(__file__).with_name("worker.py")
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+VBAA = "import sys; from vbaa_calib.cli.main import main; sys.exit(main())"
+"""What Python runs as the command `vbaa`."""
+
+
+@dataclass(frozen=True)
+class Ran:
+    """What a command printed, and the processor time of it and its children, s."""
+
+    said: str
+    cpu_s: float
 
 
 @dataclass(frozen=True)
@@ -41,16 +52,15 @@ class Tree:
         environment.pop("PYTHONDONTWRITEBYTECODE", None)  # who has installed it has its modules compiled
         return subprocess.Popen([self.python, "-P", *words], env=environment, text=True, **how)
 
-    def run(self, *words: str) -> dict[str, float]:
-        """A command to its end: processor time of it and its children, and time on the wall, in s."""
-        before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-        process = self.started(*words, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-        _, said = process.communicate()
-        wall, after = time.perf_counter() - begun, resource.getrusage(resource.RUSAGE_CHILDREN)
+    def run(self, *words: str, cwd: Path | None = None) -> Ran:
+        """A command to its end. Raises SolveError where it fails."""
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        process = self.started(*words, cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        said, failure = process.communicate()
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
         if process.returncode:
-            raise SolveError(f"{self.name}: {' '.join(words)}: exit {process.returncode}: {said.strip()[-300:]}")
-        cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-        return {"cpu_s": cpu, "wall_s": wall}
+            raise SolveError(f"{self.name}: {' '.join(words)}: exit {process.returncode}: {failure.strip()[-300:]}")
+        return Ran(said, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
 
 
 HERE = Tree("this tree", sys.executable, ROOT)
@@ -60,7 +70,8 @@ def older(commit: str) -> Tree:
     """A commit's tree, taken out of the repository and installed once, in the user's cache.
 
     What it needs and this environment has is used from here, so that both trees run on the same NumPy, SciPy and
-    OpenCV; the rest is installed beside it. Raises InputError where git, the commit or a package is not to be had.
+    OpenCV; the rest is installed beside it, and its compiled core built for this processor by what `make test`
+    installs. Raises InputError where git, the commit, a package or a compiler is not to be had.
     """
     name = commit[:40]
     try:
@@ -81,6 +92,12 @@ def older(commit: str) -> Tree:
         Path(sysconfig.get_path("purelib", vars=base), "as_here.pth").write_text(f"{packages}\n")
         needed = tomllib.loads((tree.folder / "pyproject.toml").read_text())["project"]["dependencies"]
         _output(tree.python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *needed)
+        native, tools = tree.folder / "vbaa_calib/native", Path(sys.executable).parent
+        if (native / "CMakeLists.txt").exists():
+            found = [f"-DPython_EXECUTABLE={sys.executable}", f"-DCMAKE_MAKE_PROGRAM={tools / 'ninja'}"]
+            configure = ["-S", str(native), "-B", str(native), "-G", "Ninja", "-DLEVELS=own"]
+            _output(str(tools / "cmake"), *configure, *found)
+            _output(str(tools / "cmake"), "--build", str(native))
         made.write_text(made_for)
     except (OSError, subprocess.CalledProcessError) as error:
         said = (getattr(error, "stderr", None) or b"").decode().strip()[-200:]

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
-from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, cast
@@ -32,7 +31,7 @@ from vbaa_calib.session import load_session
 
 from .frames import photographed, population
 from .recordings import write_recording
-from .trees import HERE, Tree, Worker, older
+from .trees import HERE, VBAA, Tree, Worker, older
 
 POINTS, SINGLE, PICTURES, LOOP = 500, 20, 30, 10
 """Points of a frame; frames one by one, pictures, and frames of the SciPy loop; of few frames fewer."""
@@ -55,7 +54,6 @@ VERBS = {
     "demo": "demo --out {0}/demo --force",
 }
 """Work → the command line, of a folder."""
-_VBAA = ("-c", "import sys; from vbaa_calib.cli.main import main; sys.exit(main())")
 _IMPORT = ("-c", "import estimator, vbaa_calib.rig, vbaa_calib.session")
 _FIRST = """
 import sys; from pathlib import Path; import numpy
@@ -109,7 +107,7 @@ def row(work: str, ms: float, beside: str = "", other_ms: float | None = None, *
 
 
 def _line(line: str, place: Path) -> list[str]:
-    return [*_VBAA, *line.format(place).split()]
+    return ["-c", VBAA, *line.format(place).split()]
 
 
 def commands(trees: Sequence[Tree], folder: Path, quick: bool) -> Iterator[WaitRow]:
@@ -124,7 +122,7 @@ def commands(trees: Sequence[Tree], folder: Path, quick: bool) -> Iterator[WaitR
             try:
                 if warm:
                     tree.run(*words(places[tree.name]))
-                found[tree.name] = 1e3 * tree.run(*words(places[tree.name]))["cpu_s"]
+                found[tree.name] = 1e3 * tree.run(*words(places[tree.name])).cpu_s
             except SolveError as error:
                 if tree is HERE:
                     raise
@@ -170,7 +168,7 @@ def fits(trees: Sequence[Tree], rig: Rig, frames: int, seed: int, folder: Path) 
     for name, arrays in (("frames", every), ("few", few), ("pictures", pictures)):
         np.savez(folder / f"{name}.npz", allow_pickle=False, **arrays)
     first = ["-c", _FIRST, str(path), str(folder / "few.npz")]
-    spent = [1e3 * min(tree.run(*first)["cpu_s"] for _ in range(2)) for tree in trees]
+    spent = [1e3 * min(tree.run(*first).cpu_s for _ in range(2)) for tree in trees]
     yield row("first frame from Python", spent[0], *((trees[1].name, spent[1]) if len(trees) > 1 else ()))
     with ExitStack() as stack:
         workers = [stack.enter_context(Worker(tree)) for tree in trees]
@@ -221,28 +219,6 @@ def calibrations(session: Path, seed: int, quick: bool) -> Iterator[WaitRow]:
             yield row("lens auto, 25 views", spent[AUTO], name, spent[name])
 
 
-def installed() -> str:
-    """How many packages `pip install vbaa-calib` brings along, those of extras aside, and the disk they take."""
-    waiting, found = ["vbaa-calib"], {}
-    while waiting:
-        name = waiting.pop().lower()
-        try:
-            one = distribution(name)
-        except PackageNotFoundError:
-            continue
-        if name not in found:
-            found[name] = sum(file.size or 0 for file in one.files or ())
-            words = [each.partition(";") for each in one.requires or ()]
-            waiting += [
-                "".join(c if c.isalnum() or c in "-_." else " " for c in need).split()[0]
-                for need, _, when in words
-                if "extra" not in when and "platform_system ==" not in when
-            ]
-    largest = sorted(found, key=lambda name: -found[name])[:3]
-    said = ", ".join(f"{name} {1e-6 * found[name]:.0f}" for name in largest)
-    return f"installed: {len(found)} packages, {1e-6 * sum(found.values()):,.0f} MB ({said})"
-
-
 def measure(options: Options) -> Findings:
     """The subject `waiting` of `vbaa bench`; a draw is a frame of a batch."""
     trees, missing = [HERE], ""
@@ -259,6 +235,6 @@ def measure(options: Options) -> Findings:
     title = "ms of processor time, imports and all for commands; times: the other's over ours, at least `bar`"
     barred = [one for one in rows if one.bar is not None and one.times is not None]
     missed = [f"{one.work} beside {one.beside}" for one in barred if (one.times or 0.0) < (one.bar or 0.0)]
-    text = f"{missing}{table(rows, title, once=2)}\n{installed()}\nbars missed: {'; '.join(missed) or 'none'}"
+    text = f"{missing}{table(rows, title, once=2)}\nbars missed: {'; '.join(missed) or 'none'}"
     headline = f"{len(barred) - len(missed)} of {len(barred)} bars reached"
     return Findings(text, {"waiting.csv": rows}, {}, {"rows": rows}, headline, versions(tuple(PEERS)))

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from benchmarks.estimator.setup import ACROSS, Setup, drawn_truth
-from benchmarks.object.scenes import AXIS, CASES, CENTRE, RIGID, SETUP, Recorded, contacts, play
-from benchmarks.recording import CELLS, PIN_M, PIN_STD_M, bound_m, lengthened, measured, played, run
+from benchmarks.object.scenes import AXIS, CASES, CENTRE, PIN_M, RIGID, SETUP, Recorded, contacts, play
+from benchmarks.recording import CELLS, bound_m, lengthened, measured, played, run
 from estimator.recording import Refined, refine
 from estimator.table.contacts import ContactTable, Measured
 from vbaa_calib.rig import Rig
@@ -135,7 +135,7 @@ def test_a_pin_at_a_known_place_recalibrates() -> None:
     off = drawn_truth(wide, rng).with_covariance(CALIBRATED.covariance)
     touched = lengthened(played("pin", RIGID, 0.1), 148).noisy(rng, off)
     table = contacts(touched)
-    found = refine(table, off, measured(touched), KnownObject("pin", CENTRE, AXIS, PIN_STD_M, PIN_M))
+    found = refine(table, off, measured(touched), KnownObject("pin", CENTRE, AXIS, 5e-5, PIN_M))
     assert not found.reason
     right = found.refined & touched.truth.in_contact
     before, after = (
