@@ -607,17 +607,17 @@ def next_observations(made: Calibration) -> dict[str, Any]:
             found[GAIN : OFFSET + 1] = found[:, GAIN : OFFSET + 1] = 0.0
         return found
 
-    rows, steps = np.zeros((0, made.joint.problem.size)), list[dict[str, Any]]()
+    rows, steps = list[np.ndarray](), list[dict[str, Any]]()
     now = std = error.std_m(made.rig.covariance)
     while left and len(steps) < GuideSettings.steps:
-        after = [forecast(np.vstack([rows, more])) for _, more in left]
+        after = [forecast(np.vstack([*rows, more])) for _, more in left]
         # with the contacts weighed anew the shared error may be another: only the best are tried
         best = np.argsort([error.variance_m2(each) for each in after])[: GuideSettings.tried]
         stds = [error.std_m(after[index]) for index in best]
         described, more = left[best[int(np.argmin(stds))]]
         if min(stds) > (1.0 - GuideSettings.least_load_gain) * std:
             break
-        rows, std = np.vstack([rows, more]), min(stds)
+        rows, std = [*rows, more], min(stds)
         steps.append({**described, "distance_shared_std_m": std})
     return {"distance_shared_std_m": now, "next": steps, "words": _words(now, steps)}
 

@@ -52,7 +52,7 @@ def test_the_first_load_is_suggested_and_brings_what_was_predicted(free) -> None
     rng = np.random.default_rng(5)
     after = solved([*seen, *observed(world, [load], rng, TRUE_READINGS)], known)
     std = np.sqrt(after.covariance[LOG_STIFFNESS, LOG_STIFFNESS])
-    assert std == pytest.approx(forecast["noise"], rel=0.25)
+    assert std == pytest.approx(forecast, rel=0.25)
     assert std < 0.5 * progress.now["noise"]
 
 

@@ -350,11 +350,15 @@ class Linearised:
         return replace(rest, parameters=rest.parameters + step, residuals=rest.residuals + rest.jacobian @ step)
 
     def with_rows(self, jacobian: np.ndarray) -> Linearised:
-        """The problem with further, perfectly fitting observations of Jacobian (N, P), in units of their standard
-        deviations: for the covariance that they would give."""
-        rows = np.vstack([jacobian, self.jacobian * self.weights[:, None]])
-        residuals = np.concatenate([np.zeros(len(jacobian)), self.residuals * self.weights])
-        return replace(self, jacobian=rows, residuals=residuals, certain=len(rows))
+        """The problem with further, perfectly fitting observations, for the covariance that they would give. jacobian :
+        (N, P + E) by the parameters and by E further errors of prior 0 ± 1, in units of the standard deviations."""
+        count = len(self.parameters)
+        prior = np.eye(jacobian.shape[1])[count:]
+        own = np.pad(self.jacobian * self.weights[:, None], ((0, 0), (0, len(prior))))
+        rows = np.vstack([jacobian, prior, own])
+        residuals = np.concatenate([np.zeros(len(rows) - len(own)), self.residuals * self.weights])
+        parameters = np.append(self.parameters, np.zeros(len(prior)))
+        return replace(self, parameters=parameters, jacobian=rows, residuals=residuals, certain=len(rows))
 
     def step(self, damping: float, at_end: bool | np.ndarray = False) -> tuple[np.ndarray, float]:
         """(P,) damped step, and the decrease that an undamped step predicts.

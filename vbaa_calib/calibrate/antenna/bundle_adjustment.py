@@ -240,8 +240,8 @@ class BundleAdjustment:
         return _together(cameras)
 
     def forecast(self, rows: np.ndarray) -> np.ndarray:
-        """Predicted `covariance` (17 + P, 17 + P) after N further observations. rows : (N, size) their Jacobian by
-        all parameters, in units of the observations' standard deviations."""
+        """Predicted `covariance` (17 + P, 17 + P) after N further observations. rows : (N, size + E) their Jacobian by
+        all parameters and by E further errors of unit deviation, in units of the observations' standard deviations."""
         root = _own_units(self.problem, _root(self.problem, self._condensed.with_rows(rows)))[0]
         return np.asarray(root @ root.T)
 

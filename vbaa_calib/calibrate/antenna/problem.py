@@ -3,7 +3,7 @@ loaded antenna."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -28,9 +28,9 @@ from vbaa_calib.rig.reprojection import (
     whitened_with_lens,
     with_slopes_on_curves,
 )
-from vbaa_calib.session import READINGS, Drift, Load
+from vbaa_calib.session import READINGS, Load
 
-from .inputs import EXACT, Observation, Prior, ReadingGroups
+from .inputs import Observation, Prior, ReadingGroups
 from .settings import AntennaSettings
 
 
@@ -55,9 +55,7 @@ ANTENNA = slice(6, 6 + len(PARAMETERS))  # the antenna's parameters,
 LOG_STIFFNESS = ANTENNA.start + 6  # among them that of EI,
 GAIN = ANTENNA.stop  # the moment sensor's gain
 OFFSET = GAIN + 1  # and offset
-_BENT = 1 + len(
-    PARAMETERS
-)  # curves of each static frame: the antenna, and one a step further along each of its parameters
+_BENT = 1 + len(PARAMETERS)  # the antenna, and one a step further along each of its parameters
 RIG = len(RIG_PARAMETERS)  # how many these are
 
 
@@ -70,8 +68,8 @@ class Evaluation(NamedTuple):
 
     # per observation (N, 16 + P + K + L) whitened distances, slopes by pose, antenna, lens, readings, light
     points: list[np.ndarray]
-    moments: np.ndarray  # (F, 10 + K) of the antenna, with a step along each of its parameters; slopes by readings
-    wrenches: np.ndarray  # (F, 10 + K, 6) force and moment of the same; (F, 10 + K, 0) without a wrench sensor
+    moments: np.ndarray  # (F, 10 + K) with slopes by antenna, readings and taper
+    wrenches: np.ndarray  # (F, 10 + K, 6) force and moment with the same slopes; (F, 10 + K, 0) without a wrench sensor
     tips: np.ndarray  # (T, 16 + P + K + L) as `points`, along the antenna
     by_length: np.ndarray  # (T,) slopes of the tips by the visible length, per m
 
@@ -121,21 +119,6 @@ class Problem:
             for one in self.observations
         ]
         return replace(self, observations=bare)
-
-    def over(self, observations: Sequence[Observation]) -> Problem:
-        """The same rig's problem for other static frames, for forecasts: loads and lines are exact and nothing is
-        measured yet."""
-        kept, groups = np.ones(len(observations), bool), ReadingGroups.of([], EXACT)
-        return replace(
-            self.without_tips(),
-            prior=replace(self.prior, drift=Drift()),
-            observations=observations,
-            seen_at_lens=(),
-            kept=kept,
-            groups=groups,
-            readings_at=np.zeros(0),
-            changes=None,
-        )
 
     def without_tips(self) -> Problem:
         """The same problem without the antenna's ends."""
@@ -259,14 +242,13 @@ class Problem:
     def curves(self, antennas: np.ndarray) -> Curves:
         """Shapes of A antennas (A, 9) under the load of each of F observations: F·A curves, observation by
         observation."""
-        every, each = np.arange(len(self.observations)), len(antennas)
-        return self._bent(np.repeat(every, each), np.tile(antennas, (len(every), 1)), *self._loads, each)
+        count, each = len(self.observations), len(antennas)
+        loads = (np.repeat(one, each, axis=0) for one in self._loads)
+        return self._bent(np.repeat(np.arange(count), each), np.tile(antennas, (count, 1)), *loads)
 
-    def _bent(
-        self, which: np.ndarray, parameters: np.ndarray, contact_m: np.ndarray, force_N: np.ndarray, each: int = 1
-    ) -> Curves:
-        """Shapes of B antennas (B, 9) in the gravity of observations (B,). Every `each` of them in turn share a load,
-        at places (B / each,) m and with forces (B / each, 2) N."""
+    def _bent(self, which: np.ndarray, parameters: np.ndarray, contact_m: np.ndarray, force_N: np.ndarray) -> Curves:
+        """Shapes of B antennas (B, 9) in the gravity of observations (B,) under loads at places (B,) with forces
+        (B, 2)."""
         if self.changes is not None:
             parameters = parameters + self.changes[which]
         factor = np.exp(self.uneven[0] * np.array([-0.5, 0.5]))
@@ -274,8 +256,8 @@ class Problem:
             parameters,
             self.length_m,
             self._gravity[which] * [1.0, *factor],
-            np.repeat(contact_m, each),
-            np.repeat(force_N, each, axis=0) * factor,
+            contact_m,
+            force_N * factor,
             dead=True,
             sweeps=4,  # more change nothing
             taper=self.prior.taper.thinned(self.prior.log_tip_std * self.thinner),
@@ -292,73 +274,87 @@ class Problem:
 
     def evaluate(self, parameters: np.ndarray) -> Evaluation:
         """Predictions at these parameters, with derivatives."""
-        here = self._loaded(parameters)
-        antennas = np.repeat(parameters[None, ANTENNA], _BENT, axis=0)
-        antennas[1:] += np.diag(RIG_STEPS[6:])
-        pose = self.pose(parameters)
+        here, pose = self._loaded(parameters), self.pose(parameters)
+        curves, wrenches = here._stepped(parameters)
         views = [each.inverse() for each in [pose, *map(pose.retract, np.diag(RIG_STEPS[:6]))]]
-        curves = here.curves(antennas)
-        order = np.array([0] * 7 + list(range(1, _BENT)))
-        seen, ends = self.seen(parameters), self._ends(parameters)
-        every = (_BENT * np.arange(len(seen))[:, None] + order).ravel()
-        projected = image_curves(curves.picked(every), [*views, *[views[0]] * (_BENT - 1)])
-        blocks, tips, by_length = [], {}, []
+        count, each = len(self.observations), 1 + len(self._steps)
+        order = np.array([0] * len(views) + list(range(1, each)))
+        every = (each * np.arange(count)[:, None] + order).ravel()
+        projected = image_curves(curves.picked(every), [*views, *[views[0]] * (each - 1)])
+        seen, ends, light = self.seen(parameters), self._ends(parameters), parameters[self.light]
+        blocks, tips, by_length = [], [np.zeros((0, 1 + len(RIG_STEPS) + self.light.start - RIG))], []
         for index, points in enumerate(seen):
             images = projected.picked(slice(index * len(order), (index + 1) * len(order)))
-            blocks.append(self._with_slopes(*whitened_with_lens(points, images)))
+            blocks.append(self._with_slopes(index, *whitened_with_lens(points, images)))
             if index in ends:
                 along, by_lens, stretch = whitened_along(ends[index], images)
-                tips[index] = self._with_slopes(along, by_lens)
+                tips.append(self._with_slopes(index, along, by_lens))
                 by_length.append(stretch)
-        moments = curves.moment_Nm.reshape(len(self.observations), _BENT)
-        if self.groups.count:
-            by_load = here.slopes_by_load(parameters, seen)
-            by_readings = [self.groups.columns(index, *slopes.T) for index, slopes in enumerate(by_load)]
-            blocks = [np.hstack([block, rows[:-1]]) for block, rows in zip(blocks, by_readings, strict=True)]
-            moments = np.hstack([moments, [rows[-1] for rows in by_readings]])
-        wrenches = np.zeros((*moments.shape, 0))
-        if (sensor := self.wrench_sensor(parameters)) is not None:
-            wrenches = here._wrenches(curves, parameters)
-            moments = -wrenches @ sensor.axes[0]
-        if self.groups.count:
-            by_own = here.tips_by_load(parameters, ends) if ends else {}
-            tips = {i: np.hstack([row, self.groups.columns(i, *by_own[i].T)]) for i, row in tips.items()}
-        if self.prior.log_tip_std > 0.0:
-            by_taper, by_end = here._by_taper(parameters, blocks, moments[:, 0], seen, ends, tips)
-            blocks = [np.hstack([block, rows[:-1]]) for block, rows in zip(blocks, by_taper, strict=True)]
-            moments = np.hstack([moments, [rows[-1] for rows in by_taper]])
-            tips = {index: np.hstack([row, by_end[index]]) for index, row in tips.items()}
-        if len(light := parameters[self.light]):
+        if len(light):
             pairs = zip(blocks, self._light_modes, strict=True)
             blocks = [np.hstack([block[:, :1] + (by @ light)[:, None], block[:, 1:], by]) for block, by in pairs]
-            tips = {index: np.hstack([row, np.zeros((1, len(light)))]) for index, row in tips.items()}
-        width = len(RIG_STEPS) + self.light.stop - RIG + 1
-        return Evaluation(
-            blocks, moments, wrenches, np.vstack([np.zeros((0, width)), *tips.values()]), np.array(by_length)
-        )
+        if (sensor := self.wrench_sensor(parameters)) is None:
+            moments = self._by_curve(curves.moment_Nm.reshape(count, each, 1))[..., 0]
+            wrenches = np.zeros((*moments.shape, 0))
+        else:
+            wrenches = self._by_curve(wrenches)
+            moments = -wrenches @ sensor.axes[0]
+        ends_seen = np.pad(np.vstack(tips), ((0, 0), (0, len(light))))
+        return Evaluation(blocks, moments, wrenches, ends_seen, np.array(by_length))
 
-    def _wrenches(self, curves: Curves, parameters: np.ndarray) -> np.ndarray:
-        """(F, 10 + K, 6) clamp wrenches for an `Evaluation`. curves : those of F observations at the parameters and
-        with a step along each."""
-        antennas = np.repeat(parameters[None, ANTENNA], _BENT, axis=0)
-        antennas[1:] += np.diag(RIG_STEPS[6:])
-        every = range(len(self.observations))
-        gravity, force = (np.repeat(each, _BENT, axis=0) for each in (self._gravity, self._loads[1]))
-        found = _wrenches_of(curves, gravity, force, np.tile(antennas, (len(every), 1)))
-        found = found.reshape(len(every), _BENT, 6)
-        if not self.groups.count:
-            return found
-        altered, gravity = self._altered_loads(every), np.repeat(self._gravity, 3, axis=0)
-        loaded = _wrenches_of(self._by_load(parameters, every)[0], gravity, altered[1], parameters[None, ANTENNA])
-        slopes = [_by_step(each.T) for each in loaded.reshape(len(every), 3, 6)]
-        by_readings = [self.groups.columns(index, *each.T).T for index, each in enumerate(slopes)]
-        return np.concatenate([found, by_readings], axis=1)
+    @property
+    def _steps(self) -> np.ndarray:
+        """(D,) difference steps of an observation's curve: along the antenna's parameters; where readings are
+        uncertain of the load's place, towards the clamp, and the logarithm of its force; where it is, of the taper."""
+        load = [-AntennaSettings.load_step_m, AntennaSettings.log_force_step] * bool(self.groups.count)
+        return np.array([*RIG_STEPS[6:], *load, *[AntennaSettings.taper_step] * (self.prior.log_tip_std > 0.0)])
 
-    def _with_slopes(self, residuals: np.ndarray, by_lens: np.ndarray) -> np.ndarray:
-        """(N, 16 + P) residuals and their Jacobian by pose, antenna and lens, from the residuals (N, 16) at all
-        difference steps."""
-        slopes = (residuals[:, 1:] - residuals[:, :1]) / RIG_STEPS
-        return np.hstack([residuals[:, :1], slopes, by_lens @ self.prior.lens_axes])
+    def _stepped(self, parameters: np.ndarray) -> tuple[Curves, np.ndarray]:
+        """Curves of F observations at the parameters and after each of D steps, F·(1 + D) of them, observation by
+        observation; and the wrenches (F, 1 + D, 6) at their clamps."""
+        count, each = len(self.observations), 1 + len(self._steps)
+        antennas = np.repeat(parameters[None, ANTENNA], each, axis=0)
+        antennas[1:_BENT] += np.diag(RIG_STEPS[6:])
+        contact, force = (np.repeat(one[:, None], each, axis=1) for one in self._loads)
+        if self.groups.count:
+            hung = np.array([isinstance(one.still, Load) for one in self.observations], float)
+            contact[:, _BENT] -= AntennaSettings.load_step_m * hung
+            force[:, _BENT + 1] *= np.exp(AntennaSettings.log_force_step)
+        which, all_of_them = np.repeat(np.arange(count), each), np.tile(antennas, (count, 1))
+        curves = self._bent(which, all_of_them, contact.ravel(), force.reshape(-1, 2))
+        if self.prior.log_tip_std > 0.0:
+            order = np.arange(len(which))
+            order[each - 1 :: each] = len(which) + np.arange(count)
+            thinner = replace(self, thinner=self.thinner + AntennaSettings.taper_step).curves(antennas[:1])
+            curves = Curves.joined([curves, thinner]).picked(order)
+        if self.prior.sensor is None:
+            return curves, np.zeros((count, each, 0))
+        wrenches = _wrenches_of(curves, self._gravity[which], force.reshape(-1, 2), antennas)
+        return curves, wrenches.reshape(count, each, 6)
+
+    def _slopes(self, index: int, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of an observation's values (..., 1 + D), at the parameters and after each step: (..., 15) by pose
+        and antenna, or (..., 9) by the antenna; (..., K + 1 or K) by the readings' errors and the taper's."""
+        steps = np.append(RIG_STEPS[:6], self._steps)[1 - values.shape[-1] :]
+        slopes = (values[..., 1:] - values[..., :1]) / steps
+        first = len(steps) - len(self._steps) + _BENT - 1
+        further = slopes[..., first:]
+        if self.groups.count:
+            load = self.groups.columns(index, further[..., 0], further[..., 1])
+            further = np.concatenate([load, further[..., 2:]], axis=-1)
+        return slopes[..., :first], further
+
+    def _with_slopes(self, index: int, residuals: np.ndarray, by_lens: np.ndarray) -> np.ndarray:
+        """(N, 16 + P + K) residuals of an observation and their Jacobian by pose, antenna, lens, readings and taper,
+        from the residuals (N, 7 + D) at all steps, the pose's first."""
+        by_rig, further = self._slopes(index, residuals)
+        return np.hstack([residuals[:, :1], by_rig, by_lens @ self.prior.lens_axes, further])
+
+    def _by_curve(self, values: np.ndarray) -> np.ndarray:
+        """(F, 10 + K, C) values of the observations' curves and their derivatives by antenna, readings and taper, from
+        the values (F, 1 + D, C) at all steps."""
+        found = [np.hstack([one[:, :1], *self._slopes(i, one)]).T for i, one in enumerate(np.swapaxes(values, 1, 2))]
+        return np.array(found).reshape(len(values), -1, values.shape[-1])
 
     def _ends(self, parameters: np.ndarray) -> dict[int, SeenPoints]:
         """The antenna's end, by observation, seen through the lens of these parameters."""
@@ -372,35 +368,6 @@ class Problem:
         errors, thinner = parameters[self.readings] - self.readings_at, float(parameters[self.taper].sum())
         misread = errors if errors.any() else None
         return self if misread is None and thinner == self.thinner else replace(self, misread=misread, thinner=thinner)
-
-    def slopes_by_load(self, parameters: np.ndarray, seen: Sequence[SeenPoints]) -> list[np.ndarray]:
-        """Per observation the derivatives (N + 1, 2) of its N whitened distances and its moment by its load's
-        distance (per m) and log force; zero without a load."""
-        curves, view = self._by_load(parameters, range(len(seen)))
-        projected, three = image_curves(curves, view), [slice(3 * index, 3 * index + 3) for index in range(len(seen))]
-        every = [whitened_residuals(one, projected.picked(own)) for one, own in zip(seen, three, strict=True)]
-        return [_by_step(np.vstack([one, curves.moment_Nm[own]])) for one, own in zip(every, three, strict=True)]
-
-    def _by_taper(
-        self,
-        parameters: np.ndarray,
-        blocks: Sequence[np.ndarray],
-        moments_Nm: np.ndarray,
-        seen: Sequence[SeenPoints],
-        ends: Mapping[int, SeenPoints],
-        tips: Mapping[int, np.ndarray],
-    ) -> tuple[list[np.ndarray], dict[int, np.ndarray]]:
-        """Derivatives by the taper's error: per observation (N + 1, 1) of the whitened distances and the moment, and
-        (1, 1) of the antenna's end along itself. The other arguments are the predictions without it."""
-        step = 0.01
-        curves = replace(self, thinner=self.thinner + step).curves(parameters[None, ANTENNA])
-        images, found = image_curves(curves, self.pose(parameters).inverse()), []
-        own = [images.picked(slice(index, index + 1)) for index in range(len(seen))]
-        for points, image, block, before, after in zip(seen, own, blocks, moments_Nm, curves.moment_Nm, strict=True):
-            moved = np.append(whitened_residuals(points, image)[:, 0] - block[:, 0], after - before)
-            found.append(moved[:, None] / step)
-        along = {index: whitened_along(end, own[index])[0] - tips[index][:, :1] for index, end in ends.items()}
-        return found, {index: moved / step for index, moved in along.items()}
 
     def _modes(self, index: int) -> np.ndarray:
         """(N, 3) derivatives of an observation's whitened distances by offset, slope and curvature of its line, per
@@ -451,38 +418,6 @@ class Problem:
         each."""
         modes = [np.linalg.svd(self.line_modes(i), full_matrices=False) for i in range(len(self.seen_at_lens))]
         return [(axes, axes * (1.0 - 1.0 / np.hypot(1.0, std))) for axes, std, _ in modes]
-
-    def tips_by_load(self, parameters: np.ndarray, ends: Mapping[int, SeenPoints]) -> dict[int, np.ndarray]:
-        """Derivatives (1, 2) of each antenna end's distance along the antenna, as `slopes_by_load`."""
-        curves, view = self._by_load(parameters, list(ends))
-        projected = image_curves(curves, view)
-        at = {index: projected.picked(slice(3 * n, 3 * n + 3)) for n, index in enumerate(ends)}
-        return {index: _by_step(whitened_along(ends[index], images)[0]) for index, images in at.items()}
-
-    def _by_load(self, parameters: np.ndarray, which: Sequence[int]) -> tuple[Curves, Pose]:
-        """Three curves for each of the selected observations: with its load as read, and with each of its two
-        readings altered."""
-        three = np.repeat(np.array(which, int), 3)
-        curves = self._bent(three, np.tile(parameters[ANTENNA], (len(three), 1)), *self._altered_loads(which))
-        return curves, self.pose(parameters).inverse()
-
-    def _altered_loads(self, which: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-        """Places (3 W,) and forces (3 W, 2) of the loads of observations: each as it is, one difference step nearer to
-        the clamp, and one step heavier."""
-        contact, force = (np.repeat(each[list(which)], 3, axis=0) for each in self._loads)
-        contact[1::3] -= AntennaSettings.load_step_m * np.array(
-            [isinstance(self.observations[index].still, Load) for index in which], float
-        )
-        force[2::3] *= np.exp(AntennaSettings.log_force_step)
-        return contact, force
-
-    def whitened_by_load(self, parameters: np.ndarray) -> list[np.ndarray]:
-        """`slopes_by_load` in the units of the residuals."""
-        by_moment = parameters[GAIN] / self.moment_std_Nm
-        return [
-            np.vstack([rows[:-1] / self.noise_scale, by_moment * rows[-1:]])
-            for rows in self.slopes_by_load(parameters, self.seen(parameters))
-        ]
 
     def by_still(self, parameters: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """Per observation the residuals (N + 1,) of points and moment, and their Jacobian (N + 1, 17 + P + K + L)."""
@@ -559,7 +494,7 @@ class Problem:
     def moment_slopes(self, parameters: np.ndarray, moments: np.ndarray, wrenches: np.ndarray) -> np.ndarray:
         """(F, 17 + P + K + L + W) of the predicted readings by the parameters, from an `Evaluation`."""
         rows = np.zeros((len(moments), len(parameters)))
-        rows[:, ANTENNA] = parameters[GAIN] * (moments[:, 1:_BENT] - moments[:, :1]) / RIG_STEPS[6:]
+        rows[:, ANTENNA] = parameters[GAIN] * moments[:, 1:_BENT]
         rows[:, self.readings.start : self.taper.stop] = parameters[GAIN] * moments[:, _BENT:]
         rows[:, GAIN], rows[:, OFFSET] = moments[:, 0], 1.0
         if (sensor := self.wrench_sensor(parameters)) is not None:
@@ -579,8 +514,8 @@ class Problem:
         read = np.array([[one.still.readings[index] for index in which] for one in used]).reshape(len(used), count)
         values = np.moveaxis(wrenches @ sensor.axes[which].T, 2, 1)
         rows = np.zeros((len(used), count, len(parameters)))
-        rows[:, :, ANTENNA] = (values[:, :, 1:_BENT] - values[:, :, :1]) / RIG_STEPS[6:]
-        rows[:, :, self.readings] = values[:, :, _BENT:]
+        rows[:, :, ANTENNA] = values[:, :, 1:_BENT]
+        rows[:, :, self.readings.start : self.taper.stop] = values[:, :, _BENT:]
         rows[:, :, first : first + 3] = np.einsum("fw,kcw->fck", wrenches[:, 0], sensor.turns[:, which])
         rows *= sensor.gain[:, None]
         own = np.arange(count)
@@ -626,11 +561,6 @@ def _wrenches_of(curves: Curves, gravity_m_s2: np.ndarray, load_N: np.ndarray, a
     moment = np.cross(curves.contact_m, load) + mass * np.cross(middle, gravity_m_s2)
     moment[:, 1] = -curves.moment_Nm
     return np.hstack([force, moment])
-
-
-def _by_step(three: np.ndarray) -> np.ndarray:
-    """(R, 2) slopes by a load's place, per m, and the logarithm of its force, from values (R, 3) with each altered."""
-    return (three[:, 1:] - three[:, :1]) / [-AntennaSettings.load_step_m, AntennaSettings.log_force_step]
 
 
 assert RIG == OFFSET + 1

@@ -34,6 +34,7 @@ class AntennaSettings:
     last_change: float = 1e-5  # change of it with which they end
     load_step_m: float = 1e-4  # finite difference of a load's place, towards the clamp
     log_force_step: float = 1e-3  # finite difference of the logarithm of its force
+    taper_step: float = 0.01  # finite difference of the taper's error, in its deviations
     lens_shares: tuple[float, ...] = (1.0, 0.3, 0.1, 0.01)  # of its prior deviations, in turn, where more make it fold
     sees_less: float = 1e-3  # part of the picture that a moved lens may see less of
 

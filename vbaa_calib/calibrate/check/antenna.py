@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 
 from vbaa_calib.antenna.shape import CONTACT, bend
-from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, Prior, reading_keys
+from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, Prior
 from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN, LOG_STIFFNESS, OFFSET, Problem
 from vbaa_calib.calibrate.antenna.problem import RIG as LENS
 from vbaa_calib.core.arrays import neighbours
@@ -45,7 +45,7 @@ class CheckedStill:
     residual_mm: np.ndarray  # (N,) its distance from it there
     residuals: np.ndarray  # (N + 1,) of points and moment (NaN where not read), observed less predicted, in deviations
     jacobian: np.ndarray  # (N + 1, 17 + P) of the predictions by the rig's parameters, in deviations
-    by_readings: np.ndarray  # (N + 1, 2) by the errors of a load's place and weight, each in its deviations
+    by_readings: np.ndarray  # (N + 1, K) by the errors of all loads' places and weights, each in its deviations
     by_line: np.ndarray  # (N + 1, 3) by the common errors of the picture's points
     moment_residual_Nm: float  # reading less prediction
     moment_std_Nm: float  # of that, by the sensor's noise and the uncertainty of place and weight
@@ -67,7 +67,7 @@ def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadRe
     lens = replace(rig.camera, covariance=unit)
     drift = Drift(line_px=rig.drift.line_px)
     several = rig.wrench_sensor
-    prior = Prior((), rig.T_antenna_camera, lens, mean, np.ones(len(mean)), drift=drift, fixed_axes=unit)
+    prior = Prior((), rig.T_antenna_camera, lens, mean, np.ones(len(mean)), readings, drift=drift, fixed_axes=unit)
     prior = replace(prior, taper=rig.antenna.taper)
     if several is not None:
         prior = replace(prior, sensor=several, sensor_std=np.ones(3 + 2 * len(several.gain)))
@@ -76,9 +76,8 @@ def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadRe
     curves = problem.curves(at[None, ANTENNA])
     free = problem.unloaded.curves(at[None, ANTENNA])
     deflections_m = np.linalg.norm(curves.points_m[:, CONTACT] - free.points_m[:, CONTACT], axis=1)
-    std, checked = np.array([readings.distance_std_m, readings.force_std_relative]), []
-    rows = zip(observations, problem.by_still(at), problem.whitened_by_load(at), strict=True)
-    for index, (observation, (misfits, slopes), by_load) in enumerate(rows):
+    checked = []
+    for index, (observation, (misfits, slopes)) in enumerate(zip(observations, problem.by_still(at), strict=True)):
         own, points = curves.picked(np.array([index])), problem.seen_at_lens[index]
         # points that lie where their neighbours do
         count = min(CheckSettings.neighbours, len(misfits) - 1)
@@ -92,7 +91,7 @@ def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadRe
         depth = np.interp(foot, own.arclength_m[0], (view @ own.points_m[0])[:, 2])
         # the geometric mean over directions stands for the deviation along the normal: pixels are all but square
         across = np.sqrt(np.sqrt(np.linalg.det(points.covariance).clip(0.0))) * noise
-        by_readings = sign * by_load[near] * std
+        by_readings = sign * slopes[near][:, problem.readings]
         checked.append(
             CheckedStill(
                 still=observation.still,
@@ -163,17 +162,14 @@ def check_antenna(
 def _information(frames: Sequence[CheckedStill], rows: slice, count: int) -> np.ndarray:
     """Normal equations of rows of static frames by `count` parameters of the rig; loads that share a distance or
     weight share its error, and the points of one line share theirs."""
-    keys = [reading_keys(one.still) if isinstance(one.still, Load) else () for one in frames]
-    names = list(dict.fromkeys(key for own in keys for key in own))
-    jacobian, residuals, nuisance = [np.zeros((0, count))], [np.zeros(0)], [np.zeros((0, len(names) + 3 * len(frames)))]
-    for index, (one, own) in enumerate(zip(frames, keys, strict=True)):
-        by_names = np.zeros((len(one.residuals), len(names) + 3 * len(frames)))
-        by_names[:, [names.index(key) for key in own]] = one.by_readings[:, : len(own)]
-        by_names[:, len(names) + 3 * index :][:, :3] = one.by_line
-        jacobian.append(one.jacobian[rows])
-        residuals.append(one.residuals[rows])
-        nuisance.append(by_names[rows])
-    return products(np.vstack(jacobian), np.concatenate(residuals), np.vstack(nuisance))
+    if not frames:
+        return products(np.zeros((0, count)), np.zeros(0))
+    jacobian = np.vstack([one.jacobian[rows] for one in frames])
+    residuals = np.concatenate([one.residuals[rows] for one in frames])
+    by_readings = np.vstack([one.by_readings[rows] for one in frames])
+    last = 3 * (len(frames) - 1)
+    by_lines = [np.pad(one.by_line[rows], ((0, 0), (3 * i, last - 3 * i))) for i, one in enumerate(frames)]
+    return products(jacobian, residuals, np.hstack([by_readings, np.vstack(by_lines)]))
 
 
 def _shape_finding(rig: Rig, free: Sequence[CheckedStill], changes: Sequence[ScoreTest], camera_known: bool) -> Finding:

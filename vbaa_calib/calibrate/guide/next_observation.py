@@ -16,7 +16,7 @@ import numpy as np
 
 from targets.board import BoardWithIds, corner_points
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
-from vbaa_calib.calibrate.antenna.inputs import Observation, ReadingGroups, reading_keys
+from vbaa_calib.calibrate.antenna.inputs import Observation, ReadingGroups
 from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN, LOG_STIFFNESS, POSE, Problem
 from vbaa_calib.calibrate.lens.models import pose_slopes, projected
 from vbaa_calib.calibrate.pipeline import Calibration
@@ -27,7 +27,7 @@ from vbaa_calib.core.errors import VbaaError
 from vbaa_calib.core.least_squares import without_own
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Kinematics, Pose
-from vbaa_calib.session import STANDARD_GRAVITY_M_S2, Load, LoadReadings, Session, Still, gravity_antenna
+from vbaa_calib.session import STANDARD_GRAVITY_M_S2, Load, Session, Still, gravity_antenna
 
 from .settings import GuideSettings
 from .suggestion import visible_corners
@@ -136,94 +136,33 @@ def _predicted(joint: BundleAdjustment, wanted: Sequence[Observation]) -> dict[i
     return placed
 
 
-_StiffnessStd = Mapping[str, float]
-"""Relative standard deviations of EI: due to "noise", "distance", "mass" (of the loads), and in "total"."""
+def _stiffness_std(joint: BundleAdjustment, rows: Sequence[np.ndarray] = ()) -> float:
+    """Relative standard deviation of EI after further observations, as `BundleAdjustment.forecast` takes their rows."""
+    every = np.vstack(rows) if len(rows) else np.zeros((0, joint.problem.size))
+    return float(np.sqrt(joint.forecast(every)[LOG_STIFFNESS, LOG_STIFFNESS]))
 
 
-@dataclass(frozen=True, eq=False)
-class _StiffnessForecast:
-    """Uncertainty of EI at present, and after further loads.
-
-    A weight that hangs twice has the same error both times, and so has a place that is used twice: these errors do not
-    average out.
-    """
-
-    readings: Sequence[tuple[str, str]]  # the G different places and weights, as `reading_keys` names them
-    scale: np.ndarray  # (17 + P,) of the joint solve's parameters
-    # (17 + P + G, 17 + P + G) of the scaled parameters, then of the readings' errors in deviations
-    information: np.ndarray
-    added: np.ndarray  # (C, 17 + P + G, 17 + P + G) what each candidate adds to it
-
-    @staticmethod
-    def of(joint: BundleAdjustment, candidates: Sequence[Observation], readings: LoadReadings) -> _StiffnessForecast:
-        """The forecast from a bundle adjustment, the candidate loads and their predicted lines."""
-        solution = joint.problem.linearised(joint.solution.parameters)
-        known = {"distance": readings.distance_std_m, "mass": readings.force_std_relative}
-        # as noted: corrected numbers cannot be shared with another load
-        loads = [one.still for one in joint.noted if isinstance(one.still, Load)]
-        loads += [one.still for one in candidates if isinstance(one.still, Load)]
-        names = [key for key in dict.fromkeys(key for one in loads for key in reading_keys(one)) if known[key[0]] > 0]
-        jacobian = solution.jacobian * solution.weights[:, None]
-        light = slice(joint.problem.light.start, None)
-        # what all lines share, and a wrench sensor's parameters, are marginalised
-        basis = np.linalg.qr(jacobian[:, light])[0]
-        jacobian = (jacobian - basis @ (basis.T @ jacobian))[:, : light.start]
-        size = joint.problem.lens.stop
-        scale = np.linalg.norm(jacobian[:, :size], axis=0)
-        jacobian[:, :size] /= scale
-
-        def gram(load: Still, rows: np.ndarray, by_readings: np.ndarray) -> np.ndarray:
-            both = np.hstack([rows / scale, np.zeros((len(rows), len(names)))])
-            assert isinstance(load, Load)
-            for key, slopes in zip(reading_keys(load), by_readings.T, strict=True):
-                if key in names:
-                    both[:, size + names.index(key)] = slopes * known[key[0]]
-            return both.T @ both
-
-        information, own = np.eye(size + len(names)), jacobian.shape[1]
-        # the solve's own rows have the free antenna and the priors in them as well
-        information[:own, :own] = jacobian.T @ jacobian
-        at, problem = joint.solution.parameters[:size], joint.problem.over(candidates)
-        problem = problem.relinearised(at) if candidates else problem
-        found = zip(candidates, problem.by_still(at), problem.whitened_by_load(at), strict=True) if candidates else ()
-        added = np.array([gram(one.still, rows, by_load) for one, (_, rows), by_load in found])
-        added = added.reshape(-1, *information.shape)
-        return _StiffnessForecast(names, scale, information, added)
-
-    def now(self) -> _StiffnessStd:
-        """Standard deviations of EI with the present loads."""
-        return self._std(self.information[None])[0]
-
-    def after_each(self) -> list[_StiffnessStd]:
-        """Standard deviations of EI with each candidate load added."""
-        return self._std(self.information + self.added)
-
-    def after(self, index: int) -> _StiffnessForecast:
-        """The forecast with one candidate load added."""
-        return replace(self, information=self.information + self.added[index])
-
-    def _std(self, information: np.ndarray) -> list[_StiffnessStd]:
-        of_mass = np.array([kind == "mass" for kind, _ in self.readings], bool)
-        solved = []
-        for which in (np.zeros_like(of_mass), of_mass, np.ones_like(of_mass)):
-            free = np.flatnonzero(np.concatenate([np.ones(len(self.scale), bool), which]))
-            inverse = np.linalg.inv(information[:, free[:, None], free])
-            solved.append(np.sqrt(inverse[:, LOG_STIFFNESS, LOG_STIFFNESS]) / self.scale[LOG_STIFFNESS])
-        noise, mass, total = solved
-        place = np.sqrt(np.maximum(total**2 - mass**2, 0.0))
-        mass = np.sqrt(np.maximum(mass**2 - noise**2, 0.0))
-        names = ("noise", "distance", "mass", "total")
-        return [dict(zip(names, row, strict=True)) for row in np.column_stack([noise, place, mass, total]).tolist()]
+def _stiffness_parts(joint: BundleAdjustment) -> dict[str, float]:
+    """Relative standard deviations of EI: due to "noise", "distance" and "mass" (of the loads), and in "total"."""
+    problem, certain = joint.problem, 1e6 * np.eye(joint.problem.size)
+    places, weights = (
+        certain[problem.readings.start + np.unique(each[each >= 0])]
+        for each in (problem.groups.distance, problem.groups.force)
+    )
+    total, without_places = _stiffness_std(joint), _stiffness_std(joint, [places])
+    noise = _stiffness_std(joint, [places, weights])
+    place, mass = (np.sqrt(max(a**2 - b**2, 0.0)) for a, b in ((total, without_places), (without_places, noise)))
+    return {"noise": noise, "distance": float(place), "mass": float(mass), "total": total}
 
 
 @dataclass(frozen=True, eq=False)
 class _LoadProgress:
     """Uncertainty of EI from the loads so far, and the suggested next load."""
 
-    now: _StiffnessStd  # EI's deviations
-    # what to hang next: joints, distance and force to note, EI's deviations after it, and what a person does; None
+    now: Mapping[str, float]  # EI's deviations, see `_stiffness_parts`
+    # what to hang next: joints, distance and force to note, EI's deviation after it, and what a person does; None
     # where no weight helps
-    suggestion: tuple[Load, _StiffnessStd, str] | None
+    suggestion: tuple[Load, float, str] | None
     enough: bool  # the goal is met, or no further load of these weights helps
     reached: bool  # the goal is met
     missing: tuple[str, ...]  # what the loads do not show, in words
@@ -238,12 +177,12 @@ def load_progress(
     goal_relative: float = 0.01,
 ) -> _LoadProgress:
     """The uncertainty of EI from the static frames so far, with or without loads, and the available load that reduces
-    it most. A weight that is used twice has the same error both times. kinematics : with the joints' zeros from a
-    sweep; goal_relative : of EI, distances and weights included."""
+    it most. A weight that is used twice has the same error both times, and so has a place: they do not average out.
+    kinematics : with the joints' zeros from a sweep; goal_relative : of EI, distances and weights included."""
     wanted = _loads(joint, session, kinematics, masses_kg)
     candidates = [*_predicted(joint, wanted).values()] if wanted else []
-    forecast = _StiffnessForecast.of(joint, candidates, joint.problem.prior.readings)
-    now, after = forecast.now(), [std["total"] for std in forecast.after_each()]
+    rows = _antenna_rows(joint, candidates) if candidates else []
+    now, after = _stiffness_parts(joint), [_stiffness_std(joint, [one]) for one in rows]
     kept = zip(joint.noted, joint.kept, strict=True)
     hung = [one.still for one, inside in kept if inside and isinstance(one.still, Load)]
     gain_std = float(np.sqrt(joint.covariance[GAIN, GAIN]) / max(abs(joint.parameters[GAIN]), 1e-9))
@@ -255,15 +194,19 @@ def load_progress(
     gain_open = gain_std > GuideSettings.gain_std and bool(showing_gain)
     best = min(showing_gain if gain_open else range(len(candidates)), key=lambda index: after[index], default=None)
     # after the best few further loads; NaN without any
-    reachable, ahead = np.inf if candidates else np.nan, forecast
-    for _ in range(GuideSettings.ahead if candidates else 0):
-        ahead = ahead.after(int(np.argmin([std["total"] for std in ahead.after_each()])))
-        reachable = min(reachable, ahead.now()["total"])
+    reachable, ahead, stds = min(after, default=np.nan), list[np.ndarray](), after
+    for _ in range(GuideSettings.ahead - 1 if candidates else 0):
+        ahead.append(rows[int(np.argmin(stds))])
+        stds = [_stiffness_std(joint, [*ahead, one]) for one in rows]
+        reachable = min(reachable, *stds)
     reached, helps = now["total"] <= goal_relative, reachable < (1 - GuideSettings.least_load_gain) * now["total"]
     enough = len(hung) >= GuideSettings.fewest_loads and not gain_open and (reached or not helps)
     suggestion = None
     if best is not None and (not enough or helps):
-        suggestion = _suggestion(candidates[best], forecast.after(best).now(), gain_open)
+        words = f"hang {_load_words(candidates[best])}: EI to ± {_percent(after[best])}"
+        load = candidates[best].still
+        assert isinstance(load, Load)
+        suggestion = load, after[best], words + ", and the sensor's gain" * gain_open
     words = (
         f"EI is known to ± {_percent(now['total'])} (pictures {_percent(now['noise'])}, places "
         f"{_percent(now['distance'])}, weights {_percent(now['mass'])}); the goal is {_percent(goal_relative)}"
@@ -295,12 +238,6 @@ def _load_words(one: Observation) -> str:
     )
 
 
-def _suggestion(one: Observation, after: _StiffnessStd, gain_open: bool) -> tuple[Load, _StiffnessStd, str]:
-    words = f"hang {_load_words(one)}: EI to ± {_percent(after['total'])}" + ", and the sensor's gain" * gain_open
-    assert isinstance(one.still, Load)
-    return one.still, after, words
-
-
 def _missing(hung: Sequence[Load], gain_std: float, possible: Sequence[Observation]) -> tuple[str, ...]:
     """Sentences on what the loads so far do not determine."""
     found = []
@@ -321,7 +258,7 @@ def _missing(hung: Sequence[Load], gain_std: float, possible: Sequence[Observati
     return tuple(found)
 
 
-def _limit(now: _StiffnessStd) -> str:
+def _limit(now: Mapping[str, float]) -> str:
     """The largest contribution to EI's uncertainty, and how to reduce it, in words."""
     if now["noise"] > np.hypot(now["distance"], now["mass"]):
         return "the pictures: a heavier weight bends the antenna more"
@@ -335,14 +272,15 @@ def _percent(part: float) -> str:
 
 
 Further = tuple[Mapping[str, Any], np.ndarray]
-"""What would be observed, with `words` for a person, and its rows (N, size), as `BundleAdjustment.forecast` takes
-them."""
+"""What would be observed, with `words` for a person, and its rows as `BundleAdjustment.forecast` takes them."""
 
 
 def further_observations(made: Calibration) -> list[Further]:
     """Candidate observations: loads, pictures of the free antenna and of boards, a sweep, a more exact jig, as far as
     the session allows."""
-    return [*_of_antenna(made), *_of_boards(made), *_of_jig(made), *_of_sweep(made)]
+    found = [*_of_antenna(made), *_of_boards(made), *_of_jig(made), *_of_sweep(made)]
+    width = max((rows.shape[1] for _, rows in found), default=0)
+    return [(described, np.pad(rows, ((0, 0), (0, width - rows.shape[1])))) for described, rows in found]
 
 
 def _of_antenna(made: Calibration) -> Iterator[Further]:
@@ -384,8 +322,9 @@ def _masses_kg(session: Session, joint: BundleAdjustment) -> list[float]:
 
 
 def _antenna_rows(joint: BundleAdjustment, observations: Sequence[Observation]) -> list[np.ndarray]:
-    """Jacobian rows (N + 1, size) of each static frame: its points and its moment, with the errors of its own line,
-    and of distances and weights that it shares with no other load, marginalised."""
+    """Jacobian of each static frame's points and moment, with the errors of its own line marginalised, as
+    `BundleAdjustment.forecast` takes it, reduced by QR to as many rows as columns. The further errors are those of
+    distances and weights that no load so far had."""
     problem, at = joint.problem, joint.solution.parameters
     known, count = [one.still for one in joint.noted], problem.groups.count
     every = ReadingGroups.of([*known, *(one.still for one in observations)], problem.prior.readings)
@@ -408,9 +347,7 @@ def _antenna_rows(joint: BundleAdjustment, observations: Sequence[Observation]) 
     for index, (_, rows) in enumerate(there.by_still(wide)):
         points = there.without_line(index, rows[:-1]) / np.sqrt(joint.alike)
         whole = np.vstack([points, rows[-1:]]) / joint.scatter
-        axes, sizes, _ = np.linalg.svd(whole[:, own], full_matrices=False)
-        whole = whole - (axes * (1.0 - 1.0 / np.hypot(1.0, sizes))) @ (axes.T @ whole)
-        found.append(np.delete(whole, own, axis=1))
+        found.append(np.linalg.qr(np.hstack([np.delete(whole, own, axis=1), whole[:, own]]))[1])
     return found
 
 
