@@ -19,7 +19,6 @@ from vbaa_calib.camera.from_plane import pixels_on_plane
 from vbaa_calib.core.arrays import ANGLE_REMEDY, MOMENT_REMEDY, PLAUSIBLE, Rows, as_floats, check_each, spread_evenly
 from vbaa_calib.core.errors import InputError, quoted
 from vbaa_calib.core.polyline import offsets_from, resample
-from vbaa_calib.core.robust import mad_std
 from vbaa_calib.detect.whisker.centreline import too_short
 from vbaa_calib.detect.whisker.corridor import pixels
 from vbaa_calib.native import core
@@ -390,42 +389,17 @@ def point_scatter(
     many is less exact than that of as many independent ones: the factor counts that in.
     """
     chosen = spread_evenly(len(lines_px), settings.scatter_frames)
-    found = [_about_curve(lines_px[row], sigma_px[row], settings) for row in chosen]
-    lines = [each for each in found if each is not None]
-    scatter = float(np.median([mad_std(off) for off, _ in lines])) if lines else np.nan
-    if not scatter > 0.0:
-        return scatter
-    # each in its own scatter, and none of it large: no gross error counts
-    even = [np.clip(off / max(mad_std(off), 1e-9), -3.0, 3.0) for off, _ in lines]
-    count = sum(map(len, even))
-
-    def covariance_at(lag: int) -> tuple[float, float]:
-        """Covariance of residuals `lag` points apart, and the fraction of a slow error's covariance that the smooth
-        curves absorb."""
-        pairs = [(basis[lag:], basis[: len(basis) - lag]) for _, basis in lines]
-        taken = float(np.mean([np.vdot(one, other) / (len(one) + lag) for one, other in pairs]))
-        return sum(float(off[lag:] @ off[: len(off) - lag]) for off in even) / count, taken
-
-    variance, by_curve = covariance_at(0)
-    total, left = variance, 1.0 - by_curve
-    own = density = total / left
-    for lag in range(1, settings.lags + 1):
-        covariance, taken = covariance_at(lag)
-        correlation = (covariance + density * taken) / own
-        if correlation < settings.significant / np.sqrt(count) or left - 2.0 * taken < settings.slow:
-            break
-        total, left = total + 2.0 * covariance, left - 2.0 * taken
-        density = total / left
-        own = variance + density * by_curve
-    return scatter * float(np.sqrt(density / variance))
+    lines, sigma = ([np.asarray(each[row], float) for row in chosen] for each in (lines_px, sigma_px))
+    return float(core.search.point_scatter(lines, sigma, settings))
 
 
 def shared_share(
     lines_px: Sequence[np.ndarray], sigma_px: Sequence[np.ndarray], settings: OutlierSettings = OutlierSettings()
 ) -> float:
     """Share, 0 to 1, of the points' scatter about smooth curves that is the same in all lines, as from a kink."""
-    found = [_about_curve(points, sigma, settings) for points, sigma in zip(lines_px, sigma_px, strict=True)]
-    lines = [each[0] for each in found if each is not None]
+    about = core.search.off_smooth_curve
+    found = [about(points, sigma, settings) for points, sigma in zip(lines_px, sigma_px, strict=True)]
+    lines = [each for each in found if len(each)]
     if len(lines) < settings.fewest_lines:
         return 0.0
     places = np.linspace(0.0, 1.0, settings.scatter_points)
@@ -434,92 +408,6 @@ def shared_share(
     # of independent errors the mean has this much
     same = float(np.mean(mean**2 - noise**2 / len(lines)))
     return float(np.clip(same / max(float(np.mean(profiles**2)), 1e-12), 0.0, 1.0))
-
-
-def _about_curve(
-    points_px: np.ndarray, sigma_px: np.ndarray, settings: OutlierSettings
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """(M,) distances of a line's points from a smooth curve through them, in standard deviations, in order; and the
-    curve's orthonormal basis (M, K). None with too few points."""
-    there = np.isfinite(points_px).all(axis=1)
-    points, sigma = points_px[there], np.broadcast_to(sigma_px, len(points_px))[there]
-    if len(points) < settings.scatter_points:
-        return None
-    apart = _apart(points, settings.neighbours)
-    near = apart <= settings.lonely * np.median(apart)
-    centred = points[near] - points[near].mean(axis=0)
-    first = np.linalg.eigh(centred.T @ centred)[1][:, -1]
-    first = first * np.sign(first[np.argmax(np.abs(first))])
-    # the same way round in all lines
-    along, across = np.stack([first, [-first[1], first[0]]]) @ centred.T
-    order = np.argsort(along, kind="stable")
-    along, across, sigma = along[order], across[order], sigma[near][order]
-    curve, weights = None, np.ones(len(along))
-    for turn in range(settings.rounds):
-        if curve is None:
-            curve = _smooth_curve(along, sigma, settings)
-            if curve is None:
-                return None
-        basis, slopes = curve
-        weighted = basis * weights[:, None] ** 2
-        values = np.linalg.solve(weighted.T @ basis, weighted.T @ (across / sigma))
-        off = (across / sigma - basis @ values) / np.hypot(1.0, slopes @ values)
-        scatter = max(mad_std(off), 1e-9)
-        if turn == 0 and len(off) >= settings.surely_points and np.abs(off).max() <= settings.surely_std * scatter:
-            break
-        if turn < settings.rounds - 2:
-            # what lies far off counts less and less
-            weights = 1.0 / np.hypot(1.0, off / scatter)
-        elif turn < settings.rounds - 1:
-            left = np.abs(off) <= settings.gross_std * scatter
-            if not left.all():
-                along, across, sigma, curve = along[left], across[left], sigma[left], None
-            weights = np.ones(len(along))
-    return off, basis
-
-
-def _apart(points_px: np.ndarray, neighbours: int) -> np.ndarray:
-    """(N,) distance of each of the points (N, 2), N ≥ 5, from its fourth-nearest neighbour.
-
-    Along a line the nearest are mostly among the next few in the order of one coordinate; only where they may not be, a
-    search tree is used, which takes longer to load than a contact takes to find.
-    """
-    axis = int(np.argmax(np.ptp(points_px, axis=0)))
-    order = np.argsort(points_px[:, axis], kind="stable")
-    ordered = np.pad(points_px[order], ((neighbours, neighbours), (0, 0)), constant_values=np.inf)
-    found, far = np.empty(len(order)), np.arange(len(order))
-    for reach in (4, neighbours):
-        window = ordered[neighbours - reach : len(ordered) - neighbours + reach]
-        around = np.lib.stride_tricks.sliding_window_view(window, 2 * reach + 1, axis=0)[far]  # (·, 2, around)
-        off = np.abs(around - around[:, :, reach, None])
-        found[far] = np.sqrt(np.partition(off[:, 0] ** 2 + off[:, 1] ** 2, 4, axis=1)[:, 4])
-        far = far[found[far] > off[:, axis][:, [0, -1]].min(axis=1)]
-    if len(far):
-        from scipy.spatial import cKDTree
-
-        found[far] = cKDTree(points_px).query(points_px[order[far]], k=5)[0][:, -1]
-    apart = np.empty_like(found)
-    apart[order] = found
-    return apart
-
-
-def _smooth_curve(
-    along: np.ndarray, sigma: np.ndarray, settings: OutlierSettings
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Orthonormal basis (N, K) of cubic splines over their standard deviations sigma (N,), with as many points, in
-    order along (N,), between any two knots, and its derivatives times sigma (N, K). None with too few points."""
-    count = len(along)
-    if count < settings.scatter_points or not np.ptp(along) > 0.0:
-        return None
-    intervals = min(settings.intervals, count // settings.per_interval)
-    inner = np.interp(np.linspace(0.0, count - 1.0, intervals + 1)[1:-1], np.arange(count), along)
-    half, middle = 0.5 * np.ptp(along), along.mean()
-    at, knots = (along - middle)[:, None] / half, (inner - middle) / half
-    beyond, square, one = np.maximum(at - knots, 0.0), at * at, np.ones_like(at)
-    values = np.hstack([one, at, square, square * at, beyond * beyond * beyond])
-    slopes = np.hstack([0.0 * one, one, 2.0 * at, 3.0 * square, 3.0 * beyond * beyond]) / half
-    basis, triangle = np.linalg.qr(values / sigma[:, None])
-    return basis, slopes @ np.linalg.pinv(triangle)
 
 
 def without_outliers(

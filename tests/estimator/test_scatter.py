@@ -8,13 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from scipy.interpolate import LSQUnivariateSpline
 
 from benchmarks.mistakes.recordings import Recording, motion, recorded
 from benchmarks.mistakes.rigs import KINDS, Kind, known_rig
 from estimator import ContactEstimator
-from estimator.contact.inputs import point_scatter
+from estimator.contact.inputs import OutlierSettings, point_scatter
 from estimator.contact.recording import measured_lines
 from estimator.table.contacts import Measured
+from vbaa_calib.native import core
 from vbaa_calib.session import Frame
 
 
@@ -40,6 +42,19 @@ def test_the_scatter_is_what_the_points_really_have(along: float) -> None:
         rng = np.random.default_rng(seed)
         mixed = [replace(one, points_px=rng.permutation(one.points_px)) for one in several]
         assert scatter(mixed) == pytest.approx(factor)
+
+
+def test_points_lie_off_the_spline_of_least_squares() -> None:
+    along, rng = np.sort(np.random.default_rng(0).uniform(-1.0, 1.0, 300)), np.random.default_rng(1)
+    line = np.column_stack([100.0 * along, 8.0 * along**2 + rng.normal(size=300)])
+    centred = line - line.mean(axis=0)
+    (cos, sin) = np.linalg.svd(centred)[2][0] * np.sign(np.linalg.svd(centred)[2][0, 0])
+    x, y = centred @ [cos, sin], centred @ [-sin, cos]
+    knots = np.interp(np.linspace(0.0, 299.0, 9)[1:-1], np.arange(300), x)
+    spline = LSQUnivariateSpline(x, y, knots)
+    expected = (y - spline(x)) / np.hypot(1.0, spline.derivative()(x)) / 0.5
+    found = core.search.off_smooth_curve(rng.permutation(line), np.full(300, 0.5), OutlierSettings())
+    assert found == pytest.approx(expected, abs=1e-6)
 
 
 def tabled(was: Recording, stated: float | None) -> tuple[list[Frame], Mapping[int, np.ndarray]]:

@@ -11,6 +11,7 @@
 #include "detect/ridges.hpp"
 #include "detect/shape_search.hpp"
 #include "polyline.hpp"
+#include "scatter.hpp"
 #include "smooth.hpp"
 
 namespace vbaa {
@@ -79,6 +80,39 @@ void bind_smooth(nb::module_& room) {
     room.def("median", [](InVector values) {
         require(values.shape(0) > 0, "a median is of one value at least");
         return median(view(values));
+    });
+}
+
+ScatterSettings scatter_settings(nb::handle object) {
+    const auto whole = [&](const char* name) { return number<int>(object, name); };
+    const auto real = [&](const char* name) { return number<double>(object, name); };
+    const ScatterSettings found = {whole("scatter_points"), whole("rounds"),       whole("surely_points"),
+                                   whole("intervals"),      whole("per_interval"), whole("lags"),
+                                   real("lonely"),          real("gross_std"),     real("surely_std"),
+                                   real("significant"),     real("slow")};
+    require(found.scatter_points > 4 && found.intervals > 0 && found.per_interval > 0 && found.lags < LONG,
+            "a smooth curve goes through five points and has a piece at least");
+    return found;
+}
+
+void bind_scatter(nb::module_& room) {
+    const auto about = [](const InMatrix& line, const InVector& sigma, const ScatterSettings& settings) {
+        const ConstMatrix some = points(line);
+        const ConstVector own = of_size(sigma, line.shape(0));
+        return unlocked([&] { return about_curve(some, own, settings); });
+    };
+    room.def("off_smooth_curve", [=](InMatrix line, InVector sigma, nb::handle settings) {
+        return to_numpy(about(line, sigma, scatter_settings(settings)).off);
+    });
+    room.def("point_scatter", [=](nb::list lines, nb::list sigma, nb::handle settings) {
+        const ScatterSettings known = scatter_settings(settings);
+        require(lines.size() == sigma.size(), "each line has its standard deviations");
+        std::vector<AboutCurve> found;
+        for (std::size_t k = 0; k < lines.size(); ++k) {
+            AboutCurve line = about(nb::cast<InMatrix>(lines[k]), nb::cast<InVector>(sigma[k]), known);
+            if (line.off.size()) found.push_back(std::move(line));
+        }
+        return scatter_about(found, known);
     });
 }
 
@@ -270,7 +304,7 @@ void bind_ribbons(nb::module_& room) {
 void bind_search(nb::module_& module) {
     nb::module_ room = module.def_submodule("search", "The antenna in a picture: corridor, paths, lines.");
     for (const auto bind :
-         {bind_smooth, bind_polyline, bind_paths, bind_ridges, bind_shapes, bind_colours, bind_ribbons})
+         {bind_smooth, bind_scatter, bind_polyline, bind_paths, bind_ridges, bind_shapes, bind_colours, bind_ribbons})
         bind(room);
 }
 
