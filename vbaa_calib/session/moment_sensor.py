@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from vbaa_calib.core.arrays import Within, as_float
+from targets.within import Within
+from vbaa_calib.core.arrays import as_float
 from vbaa_calib.core.errors import InputError
 
 READINGS = {
