@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from vbaa_calib.simulate.render.antenna import Tube, tube_patch
+from vbaa_calib.simulate.render.antenna import Tube, tube_patches
 from vbaa_calib.simulate.render.picture import ImagePatch, Studio, digitise, expose
 from vbaa_calib.simulate.scene.lens import Lens, RayMap
 from vbaa_calib.simulate.scene.scene import PictureSpec
@@ -209,17 +209,16 @@ def _antenna_patches(place: Studio, shot: Shot, path: np.ndarray) -> list[ImageP
     def obstacle(points: np.ndarray) -> np.ndarray:
         return np.where(np.any([block.holds(points) for block in shot.blocks], axis=0), 0.0, np.inf)
 
-    def drawn(line: np.ndarray, half_px: float, brightness: float, asymmetry: float = 0.0) -> ImagePatch | None:
+    def drawn(line: np.ndarray, half_px: float, brightness: float, asymmetry: float = 0.0) -> list[ImagePatch]:
         across, ones = normals(line), np.ones(len(line))
         tube = Tube(line, across[:, ::-1] * [1.0, -1.0], across, half_px * ones, ones, ones)
-        return tube_patch(place, tube, brightness, asymmetry, obstacle if shot.blocks else None)
+        return tube_patches(place, tube, brightness, asymmetry, obstacle if shot.blocks else None)
 
     half, (glint, aside) = 0.5 * shot.width_px, shot.glint
     body = drawn(path, half, shot.spec.antenna, shot.spec.shading_asymmetry)
-    spark = drawn(path + aside * half * normals(path), 0.3 * half, glint) if glint > 0 else None
+    spark = drawn(path + aside * half * normals(path), 0.3 * half, glint) if glint > 0 else []
     # the glint is light that is added, whatever is behind it
-    bare = None if spark is None else replace(spark, alpha=np.zeros_like(spark.alpha))
-    return [patch for patch in (body, bare) if patch is not None]
+    return body + [replace(patch, alpha=np.zeros_like(patch.alpha)) for patch in spark]
 
 
 def _with_block(canvas: np.ndarray, block: Block) -> np.ndarray:

@@ -12,7 +12,7 @@ from benchmarks.estimator.setup import TOWARDS_CLAMP, Setup, drawn_truth
 from benchmarks.vision.scenes import PLAIN, bare_studio
 from estimator.table.contacts import FRICTION_RAD
 from vbaa_calib.rig import Rig
-from vbaa_calib.simulate.render.antenna import tube, tube_patch
+from vbaa_calib.simulate.render.antenna import tube, tube_patches
 from vbaa_calib.simulate.render.picture import LAMP_WORLD, digitise, expose
 from vbaa_calib.simulate.scene.lens import Lens
 
@@ -75,7 +75,7 @@ def _picture(rig: Rig, rng: np.random.Generator) -> tuple[np.ndarray, float]:
     lamp = to_camera.rotation @ rig.kinematics.T_world_antenna(pan, tilt).rotation.T @ LAMP_WORLD
     points = to_camera @ rod_shapes(rig, truth.touches, at).points_m[0]
     studio = bare_studio(lens, replace(PLAIN, vignette=0.3, gradient=0.3))
-    seen = tube_patch(studio, tube(lens, at, points, antenna.diameter_m / 2, lamp), studio.spec.antenna)
+    seen = tube_patches(studio, tube(lens, at, points, antenna.diameter_m / 2, lamp), studio.spec.antenna)
     canvas = np.full(SIZE[::-1], studio.spec.background, np.float32)
-    image = digitise(studio.spec, expose(studio, canvas, [] if seen is None else [seen]), rng)
+    image = digitise(studio.spec, expose(studio, canvas, seen), rng)
     return image, float(truth.moment_Nm[0]) + rig.moment_sensor.std_Nm * rng.normal()

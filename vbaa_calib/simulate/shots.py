@@ -12,7 +12,7 @@ from vbaa_calib.antenna.rod import solve_rod
 from vbaa_calib.geometry import Pose
 from vbaa_calib.native import core
 from vbaa_calib.simulate.plan import AntennaShot, BoardShot
-from vbaa_calib.simulate.render.antenna import DepthOfObstacle, Tube, tube, tube_patch
+from vbaa_calib.simulate.render.antenna import DepthOfObstacle, Tube, tube, tube_patches
 from vbaa_calib.simulate.render.board import Sheet, board_patch
 from vbaa_calib.simulate.render.object import object_patch, obstacle, pressed_in
 from vbaa_calib.simulate.render.picture import LAMP_WORLD, ImagePatch, Studio, digitise, expose, surroundings
@@ -78,17 +78,16 @@ def render_shot(
     """(height, width) uint8, the picture as the camera delivers it."""
     T_world_camera = scene.T_world_camera(shot.joints)
     canvas = surroundings(place, T_world_camera.rotation)
-    patches: list[ImagePatch | None]
     if isinstance(shot, BoardShot):
-        patches = [board_patch(place, sheet, shot.T_camera_board, T_world_camera.rotation)]
+        board = board_patch(place, sheet, shot.T_camera_board, T_world_camera.rotation)
+        patches = [] if board is None else [board]
     else:
         antenna, *holder = wires_of(scene, shot.arclength_m, shot.points_m)
-        patches = [_wire_patch(scene, place, antenna, T_world_camera, obstacle_of(scene, place, shot))]
-        patches += [_wire_patch(scene, place, wire, T_world_camera) for wire in holder]
+        patches = _wire_patches(scene, place, antenna, T_world_camera, obstacle_of(scene, place, shot))
+        patches += [patch for wire in holder for patch in _wire_patches(scene, place, wire, T_world_camera)]
         thing = None if shot.indentation_m is None else object_patch(place, scene.object, T_world_camera)
         canvas = canvas if thing is None else thing.over(canvas)
-    grey = expose(place, canvas, [patch for patch in patches if patch is not None])
-    return digitise(place.spec, grey, rng)
+    return digitise(place.spec, expose(place, canvas, patches), rng)
 
 
 def seen_antenna(scene: SceneSpec, shot: AntennaShot) -> Tube:
@@ -104,11 +103,11 @@ def obstacle_of(scene: SceneSpec, place: Studio, shot: AntennaShot) -> DepthOfOb
     return obstacle(place, pressed_in(scene.object, shot.indentation_m), scene.T_world_camera(shot.joints))
 
 
-def _wire_patch(
+def _wire_patches(
     scene: SceneSpec, place: Studio, wire: Strand, T_world_camera: Pose, hidden_by: DepthOfObstacle | None = None
-) -> ImagePatch | None:
+) -> list[ImagePatch]:
     seen = wire.seen(scene, T_world_camera.rotation.T @ LAMP_WORLD)
-    return tube_patch(place, seen, wire.paint, wire.asymmetry, hidden_by)
+    return tube_patches(place, seen, wire.paint, wire.asymmetry, hidden_by)
 
 
 def render_over(
@@ -119,12 +118,12 @@ def render_over(
     T_camera_board = scene.T_antenna_camera.inverse() @ over.T_antenna_board(sheet.spec)
     canvas = surroundings(place, T_world_camera.rotation)
     board = board_patch(place, sheet, T_camera_board, T_world_camera.rotation)
-    patches = [_wire_patch(scene, place, wire, T_world_camera) for wire in wires]
+    patches = [patch for wire in wires for patch in _wire_patches(scene, place, wire, T_world_camera)]
     if board is not None and over.shadow > 0:
         board = _shaded(scene, place, board, over, wires[0])
     if board is not None:
-        patches = [board, *(None if patch is None else _in_front(canvas, patch, board) for patch in patches)]
-    return digitise(place.spec, expose(place, canvas, [patch for patch in patches if patch is not None]), rng)
+        patches = [board, *(_in_front(canvas, patch, board) for patch in patches)]
+    return digitise(place.spec, expose(place, canvas, patches), rng)
 
 
 def _in_front(canvas: np.ndarray, patch: ImagePatch, board: ImagePatch) -> ImagePatch:
@@ -151,11 +150,11 @@ def _shaded(scene: SceneSpec, place: Studio, board: ImagePatch, over: OverSpec, 
     lamp = scene.T_world_antenna(over.joints).rotation.T @ LAMP_WORLD
     fall = (wire.points_m[:, 2] + over.height_m) / max(float(lamp[2]), 0.2)
     shadow = replace(wire, points_m=wire.points_m - fall[:, None] * lamp)
-    cast = tube_patch(place, shadow.seen(scene, lamp), 1.0)
-    if cast is None:
+    cast = [_resampled(patch.alpha, patch, board) for patch in tube_patches(place, shadow.seen(scene, lamp), 1.0)]
+    if not cast:
         return board
     depth = float((scene.T_antenna_camera.inverse() @ shadow.points_m[len(fall) // 2])[2])
     soft = over.penumbra_m * float(np.diag(scene.lens.matrix)[:2].mean()) / depth * board.factor
-    cover = cv2.GaussianBlur(_resampled(cast.alpha, cast, board), (0, 0), max(soft, 0.5))
+    cover = cv2.GaussianBlur(np.sum(cast, axis=0), (0, 0), max(soft, 0.5))
     dimmed = 1.0 - over.shadow * np.minimum(cover, 1.0)
     return replace(board, brightness=(board.brightness * dimmed).astype(np.float32))

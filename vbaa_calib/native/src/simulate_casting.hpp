@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include "simulate_objects.hpp"
+#include "simulate_picture.hpp"
 
 namespace vbaa::simulate {
 
@@ -30,12 +31,10 @@ struct Light {
     double ambient;
 };
 
-// What rays see of a white object.
-struct Lit {
-    Array<double, 1> brightness;  // (N,) of the light, stains included; zero for a miss
-    Array<std::int8_t, 1> faces;  // (N,) as of `Hits`
-};
-// rays: (N, 2) x/z and y/z in the camera's frame, which `turn` rotates into the world's.
-Lit lit(const Body& body, const Point& origin_m, const Rotation& turn, ConstMatrix rays, const Light& light);
+// (2, rows, columns) brightness of a white object, stains included and weighted with the part of the pixel that it
+// covers, and that part. The rays are those of a map as `rays_between` has it, which `turn` rotates into the world's
+// axes: one in a pixel's middle, `factor` squared where its neighbours see something else.
+Array<float, 3> object_pixels(const Body& body, const Point& origin_m, const Rotation& turn, ConstCube padded,
+                              const Window& window, const Light& light);
 
 }  // namespace vbaa::simulate

@@ -14,19 +14,29 @@ constexpr double ROOM_PX = 2.5, BEYOND_PX = 50.0;
 
 // A sample of the antenna's tube in the picture.
 struct Sample {
-    double u, v, tangent_u, tangent_v, normal_u, normal_v, half_width;
+    double u, v, tangent_u, tangent_v, normal_u, normal_v, half_width, light, depth;
 };
+
+// Within 2·10⁻⁸, from −1 to 1: M. Abramowitz and I. A. Stegun, Handbook of Mathematical Functions, 4.4.46.
+double arc_sine(double u) {
+    constexpr double of[] = {1.5707963050, -0.2145988016, 0.0889789874, -0.0501743046,
+                             0.0308918810, -0.0170881256, 0.0066700901, -0.0012624911};
+    const double x = std::abs(u);
+    double total = of[7];
+    for (int k = 6; k >= 0; --k) total = total * x + of[k];
+    return std::copysign(of[0] - std::sqrt(1.0 - x) * total, u);
+}
 
 // The round tube's shading, integrated across it from its axis to u, −1 to 1.
 double summed_shading(double u, double asymmetry) {
-    double round_part = (u * std::sqrt(1.0 - u * u) + std::asin(u)) / 2;
+    const double round_part = (u * std::sqrt(1.0 - u * u) + arc_sine(u)) / 2;
     return AMBIENT * u + (1.0 - AMBIENT) * round_part + asymmetry * u * u / 2;
 }
 
 // Pixels around a tube, with the index of each one's nearest sample, −1 where none is near.
 struct Near {
-    int left = 0, top = 0, columns = 0, rows = 0;
-    std::vector<int> nearest;  // (rows · columns,)
+    int left, top;
+    Array<int, 2> nearest;
 };
 
 Near nearest_samples(ConstMatrix curve, int width, int height) {
@@ -47,20 +57,22 @@ Near nearest_samples(ConstMatrix curve, int width, int height) {
         left = std::min(left, first(curve(i, 0))), right = std::max(right, last(curve(i, 0), width));
         top = std::min(top, first(curve(i, 1))), bottom = std::max(bottom, last(curve(i, 1), height));
     }
-    Near near = {left, top, std::max(right - left, 0), std::max(bottom - top, 0), {}};
-    const std::size_t pixels = static_cast<std::size_t>(near.columns) * near.rows;
-    std::vector<double> distance(pixels, reach * reach);
-    near.nearest.assign(pixels, -1);
+    const int columns = std::max(right - left, 0), rows = std::max(bottom - top, 0);
+    Near near = {left, top, Array<int, 2>(Unset{}, rows, columns)};
+    std::fill(near.nearest.begin(), near.nearest.end(), -1);
+    Array<float, 2> distance(Unset{}, rows, columns);
+    std::fill(distance.begin(), distance.end(), static_cast<float>(reach * reach));
     for (int i = 0; i < curve.shape[0]; ++i) {
         if (!of_account(i)) continue;
-        const double u = curve(i, 0) - left, v = curve(i, 1) - top;
+        const auto u = static_cast<float>(curve(i, 0) - left), v = static_cast<float>(curve(i, 1) - top);
         const int begin = first(curve(i, 0)) - left, end = last(curve(i, 0), width) - left;
         for (int row = first(curve(i, 1)) - top; row < last(curve(i, 1), height) - top; ++row) {
-            double down = (row - v) * (row - v), *best = &distance[static_cast<std::size_t>(row) * near.columns];
-            int* which = &near.nearest[static_cast<std::size_t>(row) * near.columns];
+            const float down = (static_cast<float>(row) - v) * (static_cast<float>(row) - v);
+            float* const best = distance.row(row).data;
+            int* const which = near.nearest.row(row).data;
             for (int column = begin; column < end; ++column) {
-                double square = (column - u) * (column - u) + down;
-                bool nearer = square < best[column];
+                const float across = static_cast<float>(column) - u, square = across * across + down;
+                const bool nearer = square < best[column];
                 best[column] = nearer ? square : best[column];
                 which[column] = nearer ? i : which[column];
             }
@@ -140,19 +152,23 @@ std::vector<float> normal_numbers(int count) {
 
 }  // namespace
 
+std::array<double, 2> ray_between(ConstCube padded, double u, double v) {
+    u = std::min(std::max(0.0, u + 1.0), padded.shape[1] - 1.001);
+    v = std::min(std::max(0.0, v + 1.0), padded.shape[0] - 1.001);
+    const int column = static_cast<int>(u), row = static_cast<int>(v);
+    const double a = u - column, b = v - row, *upper = &padded(row, column, 0), *lower = &padded(row + 1, column, 0);
+    const auto on_axis = [&](int j) {
+        const double above = (1 - a) * upper[j] + a * upper[j + 2], below = (1 - a) * lower[j] + a * lower[j + 2];
+        return (1 - b) * above + b * below;
+    };
+    return {on_axis(0), on_axis(1)};
+}
+
 Array<double, 2> rays_between(ConstCube padded, ConstMatrix pixels) {
-    Array<double, 2> rays(pixels.shape[0], 2);
-    double rows = padded.shape[0] - 1.001, columns = padded.shape[1] - 1.001;
+    Array<double, 2> rays(Unset{}, pixels.shape[0], 2);
     for (int i = 0; i < pixels.shape[0]; ++i) {
-        double u = std::min(std::max(0.0, pixels(i, 0) + 1.0), columns);
-        double v = std::min(std::max(0.0, pixels(i, 1) + 1.0), rows);
-        int column = static_cast<int>(u), row = static_cast<int>(v);
-        double a = u - column, b = v - row, *ray = rays.values.data() + 2 * i;
-        const double *upper = &padded(row, column, 0), *lower = &padded(row + 1, column, 0);
-        for (int j = 0; j < 2; ++j) {
-            double above = (1 - a) * upper[j] + a * upper[j + 2], below = (1 - a) * lower[j] + a * lower[j + 2];
-            ray[j] = (1 - b) * above + b * below;
-        }
+        const auto ray = ray_between(padded, pixels(i, 0), pixels(i, 1));
+        rays(i, 0) = ray[0], rays(i, 1) = ray[1];
     }
     return rays;
 }
@@ -383,39 +399,76 @@ std::array<Array<double, 2>, 2> spline(ConstVector places, ConstMatrix points, C
     return found;
 }
 
-TubePixels tube_pixels(ConstMatrix curve, int width, int height, ConstMatrix inner, int divisions, double asymmetry) {
-    const Near near = nearest_samples(curve, width, height);
-    const std::vector<int>& nearest = near.nearest;
-    int count = 0, places = inner.shape[0];
-    for (int sample : nearest) count += sample >= 0;
-    TubePixels found = {Array<std::int64_t, 1>(count), Array<std::int64_t, 1>(count), Array<std::int64_t, 1>(count),
-                        Array<double, 2>(count, places), Array<double, 2>(count, places)};
-    double half = 0.5 / divisions;
-    int k = 0;
-    for (int i = 0; i < static_cast<int>(nearest.size()); ++i) {
-        if (nearest[i] < 0) continue;
-        int row = near.top + i / near.columns, column = near.left + i % near.columns, at = nearest[i];
-        Sample tube = read<Sample>(&curve(at, 0));
-        found.rows[k] = row;
-        found.columns[k] = column;
-        found.nearest[k] = at;
-        double *coverage = found.coverage.row(k).data, *shade = found.shade.row(k).data;
-        for (int j = 0; j < places; ++j) {
-            double x = column + inner(j, 0) - tube.u, y = row + inner(j, 1) - tube.v;
-            double across = x * tube.normal_u + y * tube.normal_v, along = x * tube.tangent_u + y * tube.tangent_v;
-            double low = std::min(std::max((across - half) / tube.half_width, -1.0), 1.0);
-            double high = std::min(std::max((across + half) / tube.half_width, -1.0), 1.0);
-            double present = 1.0;
-            if (at == 0) present = std::min(std::max(0.5 + along * divisions, 0.0), 1.0);
-            if (at == curve.shape[0] - 1) present *= std::min(std::max(0.5 - along * divisions, 0.0), 1.0);
-            if (!(present > 0.0 && high > low)) continue;
-            double scale = present * tube.half_width * divisions;
-            coverage[j] = (high - low) * scale;
-            shade[j] = (summed_shading(high, asymmetry) - summed_shading(low, asymmetry)) * scale;
+std::vector<TubePart> tube_parts(ConstMatrix curve, int width, int height, int room, int factor, double asymmetry) {
+    constexpr int stretch = 128;  // samples; the longer, the more of a part is empty
+    Near near = nearest_samples(curve, width, height);
+    const int last = curve.shape[0] - 1, each = factor * factor;
+    const double half = 0.5 / factor;
+    // first and last column and row of what each stretch touches
+    struct Box {
+        int left, top, right = -1, bottom = -1;
+    };
+    std::vector<Box> boxes(last / stretch + 1, Box{width, height});
+    for (int i = 0; i < near.nearest.shape[0]; ++i) {
+        for (int j = 0; j < near.nearest.shape[1]; ++j) {
+            int& at = near.nearest(i, j);
+            if (at < 0) continue;
+            const auto tube = read<Sample>(&curve(at, 0));
+            const int row = near.top + i, column = near.left + j;
+            const double across = (column - tube.u) * tube.normal_u + (row - tube.v) * tube.normal_v;
+            if (std::abs(across) > tube.half_width + std::sqrt(0.5)) {
+                at = -1;
+                continue;
+            }
+            Box& box = boxes[at / stretch];
+            box = {std::min(box.left, column), std::min(box.top, row), std::max(box.right, column),
+                   std::max(box.bottom, row)};
         }
-        ++k;
     }
-    return found;
+    std::vector<double> right(each), below(each), cover(each), shade(each);
+    for (int j = 0; j < each; ++j) {
+        const int column = j % factor, row = j / factor;
+        right[j] = (column + 0.5) / factor - 0.5, below[j] = (row + 0.5) / factor - 0.5;
+    }
+    std::vector<TubePart> parts;
+    for (std::size_t own = 0; own < boxes.size(); ++own) {
+        const Box& box = boxes[own];
+        if (box.right < 0) continue;
+        const int left = std::max(box.left - room, 0), columns = std::min(box.right + room + 1, width) - left;
+        const int top = std::max(box.top - room, 0), rows = std::min(box.bottom + room + 1, height) - top;
+        TubePart& part = parts.emplace_back(
+            TubePart{left, top, Array<float, 3>(2, rows * factor, columns * factor), Array<double, 2>(rows, columns)});
+        for (int row = box.top; row <= box.bottom; ++row) {
+            for (int column = box.left; column <= box.right; ++column) {
+                const int at = near.nearest(row - near.top, column - near.left);
+                if (at < 0 || static_cast<std::size_t>(at / stretch) != own) continue;
+                const auto tube = read<Sample>(&curve(at, 0));
+                part.depth(row - top, column - left) = tube.depth;
+                const double u = column - tube.u, v = row - tube.v, scale = tube.half_width * factor;
+                const double across = u * tube.normal_u + v * tube.normal_v;
+                for (int j = 0; j < each; ++j) {
+                    const double x = across + right[j] * tube.normal_u + below[j] * tube.normal_v;
+                    const double low = std::min(std::max((x - half) / tube.half_width, -1.0), 1.0);
+                    const double high = std::min(std::max((x + half) / tube.half_width, -1.0), 1.0);
+                    cover[j] = (high - low) * scale;
+                    shade[j] = (summed_shading(high, asymmetry) - summed_shading(low, asymmetry)) * scale * tube.light;
+                }
+                for (int j = 0; (at == 0 || at == last) && j < each; ++j) {
+                    const double along = (u + right[j]) * tube.tangent_u + (v + below[j]) * tube.tangent_v;
+                    double present = 1.0;
+                    if (at == 0) present = std::min(std::max(0.5 + along * factor, 0.0), 1.0);
+                    if (at == last) present *= std::min(std::max(0.5 - along * factor, 0.0), 1.0);
+                    cover[j] *= present, shade[j] *= present;
+                }
+                for (int j = 0; j < each; ++j) {
+                    const int y = (row - top) * factor + j / factor, x = (column - left) * factor + j % factor;
+                    part.fine(0, y, x) = static_cast<float>(shade[j]);
+                    part.fine(1, y, x) = static_cast<float>(cover[j]);
+                }
+            }
+        }
+    }
+    return parts;
 }
 
 }  // namespace vbaa::simulate

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <vector>
 
 #include "arrays.hpp"
 #include "vectors.hpp"
@@ -10,8 +11,9 @@ namespace vbaa::simulate {
 
 using ConstPicture = View<const float, 2>;
 
-// x/z and y/z at pixels (N, 2), interpolated linearly in a map (height + 2, width + 2, 2) of the pixel centres with one
-// pixel more on every side.
+// x/z and y/z at a pixel, interpolated linearly in a map (height + 2, width + 2, 2) of the pixel centres with one pixel
+// more on every side; those at pixels (N, 2).
+std::array<double, 2> ray_between(ConstCube padded, double u, double v);
 Array<double, 2> rays_between(ConstCube padded, ConstMatrix pixels);
 
 // (height, width) brightness where the rays of such a map end on a bench (T, T), see picture.py.
@@ -40,13 +42,15 @@ Array<std::uint8_t, 2> digitised(ConstPicture grey, double electrons_per_grey, d
 // is the same on both sides of the second place and of the last but one.
 std::array<Array<double, 2>, 2> spline(ConstVector places, ConstMatrix points, ConstVector at);
 
-// Pixels that a tube may touch, K of them.
-struct TubePixels {
-    Array<std::int64_t, 1> rows, columns, nearest;  // nearest of the tube's samples
-    Array<double, 2> coverage, shade;               // (K, S) covered part and brightness of each sub-pixel
+// What a stretch of a tube shows of itself in a picture, with room around it: left and top pixel, brightness and
+// covered part of its sub-pixels (2, rows·factor, columns·factor), and the depth (rows, columns) of the tube there.
+struct TubePart {
+    int left, top;
+    Array<float, 3> fine;
+    Array<double, 2> depth;
 };
-// curve: (N, 7) pixel, tangent, normal and half width of the tube's samples. inner: (S, 2) places of a pixel's
-// sub-pixels, of which `divisions` lie side by side. asymmetry: how much brighter one flank is.
-TubePixels tube_pixels(ConstMatrix curve, int width, int height, ConstMatrix inner, int divisions, double asymmetry);
+// curve: (N, 9) pixel, tangent, normal, half width, light and depth of the tube's samples. Each pixel belongs to one
+// stretch. asymmetry: how much brighter one flank is.
+std::vector<TubePart> tube_parts(ConstMatrix curve, int width, int height, int room, int factor, double asymmetry);
 
 }  // namespace vbaa::simulate

@@ -10,7 +10,7 @@ import numpy as np
 from vbaa_calib.native import core
 from vbaa_calib.simulate.scene.lens import Lens, project
 
-from .picture import ImagePatch, Studio, frame_around
+from .picture import ImagePatch, Studio
 from .settings import PAINT
 
 DepthOfObstacle = Callable[[np.ndarray], np.ndarray]
@@ -52,62 +52,57 @@ def tube(
     # two for every pixel; near the camera's plane it would be longer than anything in the picture
     along_px = np.linalg.norm(np.diff(rough, axis=0), axis=1).sum()
     count = int(np.ceil(2 * min(along_px, 10.0 * sum(lens.image_size)))) + 2
-    s = np.linspace(arclength_m[0], arclength_m[-1], count)
-    points, along = core.simulate.spline(arclength_m, points_camera_m, s)
+    # a spline through every eighth is the same to 1e-5 px
+    s, nodes = (np.linspace(arclength_m[0], arclength_m[-1], number) for number in (count, count // 8 + 4))
+    points, along = core.simulate.spline(arclength_m, points_camera_m, nodes)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     side = np.cross(along, points)
-    thick = np.interp(s, arclength_m, np.broadcast_to(radius_m, len(arclength_m)))[:, None]
+    thick = np.interp(nodes, arclength_m, np.broadcast_to(radius_m, len(arclength_m)))[:, None]
     side *= thick / np.linalg.norm(side, axis=1, keepdims=True)
     towards = (points * along).sum(axis=1, keepdims=True) * along - points
     part = thick**2 / (towards**2).sum(axis=1, keepdims=True)
-    touched = [project(lens, points + part * towards + sign * np.sqrt(1.0 - part) * side) for sign in (1.0, -1.0)]
-    pixels, across = (touched[0] + touched[1]) / 2, (touched[0] - touched[1]) / 2
-    tangents = np.gradient(pixels, axis=0)
-    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
+    inwards, outwards = points + part * towards, np.sqrt(1.0 - part) * side
+    one, other = project(lens, np.stack([inwards + outwards, inwards - outwards]))
+    facing = np.sqrt(np.maximum(1.0 - (along @ lamp_camera) ** 2, 0.0))
+    columns = np.column_stack([(one + other) / 2, (one - other) / 2, points[:, 2], facing])
+    found, slopes = core.simulate.spline(nodes, columns, s)
+    tangents = slopes[:, :2] / np.linalg.norm(slopes[:, :2], axis=1, keepdims=True)
     normals = np.stack([-tangents[:, 1], tangents[:, 0]], axis=1)
     return Tube(
-        pixels=pixels,
+        pixels=found[:, :2],
         tangents=tangents,
         normals=normals,
-        half_width_px=np.abs((across * normals).sum(axis=1)),
-        depth_m=points[:, 2],
-        facing=np.sqrt(np.maximum(1.0 - (along @ lamp_camera) ** 2, 0.0)),
+        half_width_px=np.abs((found[:, 2:4] * normals).sum(axis=1)),
+        depth_m=found[:, 4],
+        facing=found[:, 5],
     )
 
 
-def tube_patch(
+def tube_patches(
     place: Studio, seen: Tube, paint: float, asymmetry: float = 0.0, obstacle: DepthOfObstacle | None = None
-) -> ImagePatch | None:
-    """The tube's picture, covered where the obstacle is nearer to the camera; None outside the picture.
+) -> list[ImagePatch]:
+    """The tube's picture, stretch by stretch, covered where the obstacle is nearer to the camera.
 
     Parameters
     ----------
     paint : albedo, 0 to 1.
     asymmetry : how much brighter one flank is; with 0 the centroid across the tube lies on the axis.
     """
-    steps = (np.arange(PAINT.antenna_subpixels) + 0.5) / PAINT.antenna_subpixels - 0.5
-    inner = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-    curve = np.column_stack([seen.pixels, seen.tangents, seen.normals, seen.half_width_px])
+    numbers = (seen.pixels, seen.tangents, seen.normals, seen.half_width_px, paint * (0.7 + 0.3 * seen.facing))
+    curve, factor = np.column_stack([*numbers, seen.depth_m]), PAINT.antenna_subpixels
     size = place.rays.lens.image_size
-    found = core.simulate.tube_pixels(curve, *size, inner, PAINT.antenna_subpixels, asymmetry)
-    rows, columns, nearest, coverage, shade = found
-    if not rows.size:
-        return None
-    centres = np.stack([columns, rows], axis=1).astype(float)
+    found = core.simulate.tube_parts(curve, size, place.room_px, factor, asymmetry)
     if obstacle is not None:
-        which, sample = np.nonzero(coverage)
-        hidden = obstacle(centres[which] + inner[sample]) < seen.depth_m[nearest[which]]
-        coverage[which[hidden], sample[hidden]] = shade[which[hidden], sample[hidden]] = 0.0
-    light = paint * (0.7 + 0.3 * seen.facing[nearest])
-
-    left, top, right, bottom = frame_around(place, centres)
-
-    def laid_out(values: np.ndarray) -> np.ndarray:
-        fine = np.zeros((bottom - top, PAINT.antenna_subpixels, right - left, PAINT.antenna_subpixels), np.float32)
-        fine[rows - top, :, columns - left, :] = values.reshape(-1, PAINT.antenna_subpixels, PAINT.antenna_subpixels)
-        return fine.reshape((bottom - top) * PAINT.antenna_subpixels, (right - left) * PAINT.antenna_subpixels)
-
-    return ImagePatch(left, top, PAINT.antenna_subpixels, laid_out(light[:, None] * shade), laid_out(coverage))
+        covered = [np.nonzero(fine[1]) for _, _, fine, _ in found]
+        at = [np.stack([x, y], axis=1) for y, x in covered]
+        pixels = [
+            (own + 0.5) / factor + [left - 0.5, top - 0.5] for own, (left, top, _, _) in zip(at, found, strict=True)
+        ]
+        nearest = obstacle(np.concatenate([*pixels, np.zeros((0, 2))]))
+        for (_, _, fine, depth), (y, x) in zip(found, covered, strict=True):
+            hidden = nearest[: len(y)] < depth[y // factor, x // factor]
+            fine[:, y[hidden], x[hidden]], nearest = 0.0, nearest[len(y) :]
+    return [ImagePatch(left, top, factor, *fine) for left, top, fine, _ in found]
 
 
 def visible_centreline(lens: Lens, seen: Tube, obstacle: DepthOfObstacle | None, step_px: float = 1.0) -> np.ndarray:

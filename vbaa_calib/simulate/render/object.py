@@ -6,7 +6,6 @@ import math
 from dataclasses import replace
 from types import SimpleNamespace
 
-import cv2
 import numpy as np
 
 from vbaa_calib.geometry import Pose
@@ -110,23 +109,8 @@ def object_patch(place: Studio, obj: TouchObject, T_world_camera: Pose) -> Image
     left, top, right, bottom = _frame(place, obj, T_world_camera)
     if right <= left or bottom <= top:
         return None
-    body, origin, albedo = _body(obj), T_world_camera.translation_m, place.spec.object
-
-    def seen(rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Brightness and face, each (N,), along camera rays (N, 2), x/z and y/z."""
-        turn = np.ascontiguousarray(T_world_camera.rotation)
-        light, face = core.simulate.lit(body, origin, turn, np.ascontiguousarray(rays), LAMP_WORLD, PAINT.ambient)
-        return albedo * light, face
-
-    shape = (bottom - top, right - left)
-    brightness, face = (each.reshape(shape) for each in seen(place.rays.centres[top:bottom, left:right].reshape(-1, 2)))
-    alpha, faces = (face >= 0).astype(float), (face + 1).astype(np.uint8)
-    around = np.ones((3, 3), np.uint8)
-    rows, columns = np.nonzero(cv2.dilate(faces, around) != cv2.erode(faces, around))
-    if rows.size:
-        steps = (np.arange(PAINT.object_subpixels) + 0.5) / PAINT.object_subpixels - 0.5
-        inner = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(1, -1, 2)
-        samples = np.stack([columns + left, rows + top], axis=1)[:, None, :] + inner
-        fine, fine_face = (each.reshape(len(rows), -1) for each in seen(place.rays.at(samples.reshape(-1, 2))))
-        brightness[rows, columns], alpha[rows, columns] = fine.mean(axis=1), (fine_face >= 0).mean(axis=1)
-    return ImagePatch(left, top, 1, brightness.astype(np.float32), alpha.astype(np.float32))
+    window = left, top, right - left, bottom - top, PAINT.object_subpixels
+    turn, origin = np.ascontiguousarray(T_world_camera.rotation), T_world_camera.translation_m
+    seen = core.simulate.object_pixels(_body(obj), origin, turn, place.rays.padded, window, LAMP_WORLD, PAINT.ambient)
+    seen[0] *= place.spec.object
+    return ImagePatch(left, top, 1, *seen)

@@ -37,6 +37,11 @@ class Studio:
     light: np.ndarray
     bench: np.ndarray
 
+    @property
+    def room_px(self) -> int:
+        """Pixels around what is drawn that its blur may reach."""
+        return 3 + int(np.ceil(4 * self.spec.blur_px))
+
 
 @dataclass(frozen=True, eq=False)
 class ImagePatch:
@@ -136,7 +141,7 @@ def frame_around(place: Studio, pixels: np.ndarray) -> tuple[int, int, int, int]
     size = np.array(place.rays.lens.image_size)
     if not np.isfinite(pixels).all():
         return 0, 0, int(size[0]), int(size[1])
-    room = 3 + int(np.ceil(4 * place.spec.blur_px))
+    room = place.room_px
     left, top = np.clip(np.floor(pixels.min(axis=0)) - room, 0, size).astype(int)
     right, bottom = np.clip(np.ceil(pixels.max(axis=0)) + room + 1, 0, size).astype(int)
     return int(left), int(top), int(right), int(bottom)

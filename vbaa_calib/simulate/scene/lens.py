@@ -73,11 +73,6 @@ class RayMap:
     lens: Lens
     padded: np.ndarray
 
-    @property
-    def centres(self) -> np.ndarray:
-        """(height, width, 2) x/z and y/z of the pixel centres."""
-        return self.padded[1:-1, 1:-1]
-
     def block(self, left: int, top: int, right: int, bottom: int, factor: int) -> np.ndarray:
         """(rows·factor, columns·factor, 2) float32 rays of the sub-pixels of pixels [left, right) × [top, bottom).
 

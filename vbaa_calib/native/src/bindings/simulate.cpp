@@ -1,6 +1,7 @@
 #include <nanobind/stl/array.h>
 
 #include "../simulate_casting.hpp"
+#include "../simulate_huffman.hpp"
 #include "../simulate_picture.hpp"
 #include "../simulate_stick_slip.hpp"
 #include "rod.hpp"
@@ -88,17 +89,6 @@ auto cast_rays(nb::handle body, const InVector& origin_m, const InMatrix& direct
     return arrays(hits.depths, hits.normals, hits.faces);
 }
 
-auto lit(nb::handle body, const InVector& origin_m, const InMatrix& turn, const InMatrix& rays, const InVector& lamp,
-         double ambient) {
-    require(rays.shape(1) == 2, "rays are (N, 2)");
-    const auto drawn = body_of(body);
-    const auto origin = read_from<Point, 1>(origin_m);
-    const auto rotation = read_from<Rotation, 2>(turn);
-    const simulate::Light light = {read_from<Point, 1>(lamp), ambient};
-    auto found = unlocked([&] { return simulate::lit(drawn, origin, rotation, view(rays), light); });
-    return arrays(found.brightness, found.faces);
-}
-
 void check_map(const InCube& padded) {
     require(padded.shape(0) > 2 && padded.shape(1) > 2 && padded.shape(2) == 2, "a map of rays is (H + 2, W + 2, 2)");
 }
@@ -119,8 +109,8 @@ auto surroundings(const InCube& padded, const InMatrix& R_world_camera, const In
     return to_numpy(unlocked([&] { return simulate::surroundings(view(padded), turn, view(bench), reach); }));
 }
 
-auto sheet_pixels(const InCube& padded, std::array<int, 5> window, const InMatrix& texel_from_ray,
-                  const Numpy<const std::uint16_t, 3>& texels, double light) {
+// left, top, columns, rows, factor
+simulate::Window window_of(const InCube& padded, std::array<int, 5> window) {
     check_map(padded);
     const simulate::Window where = {window[0], window[1], window[2], window[3], window[4]};
     require(where.left >= 0 && where.top >= 0 && where.columns > 0 && where.rows > 0 &&
@@ -128,6 +118,23 @@ auto sheet_pixels(const InCube& padded, std::array<int, 5> window, const InMatri
                 where.top <= static_cast<int>(padded.shape(0)) - 2 - where.rows && where.factor > 0 &&
                 2.0 * where.columns * where.rows * where.factor * where.factor < 2e9,
             "a window lies in the picture");
+    return where;
+}
+
+auto object_pixels(nb::handle body, const InVector& origin_m, const InMatrix& turn, const InCube& padded,
+                   std::array<int, 5> window, const InVector& lamp, double ambient) {
+    const auto where = window_of(padded, window);
+    const auto drawn = body_of(body);
+    const auto origin = read_from<Point, 1>(origin_m);
+    const auto rotation = read_from<Rotation, 2>(turn);
+    const simulate::Light light = {read_from<Point, 1>(lamp), ambient};
+    return to_numpy(
+        unlocked([&] { return simulate::object_pixels(drawn, origin, rotation, view(padded), where, light); }));
+}
+
+auto sheet_pixels(const InCube& padded, std::array<int, 5> window, const InMatrix& texel_from_ray,
+                  const Numpy<const std::uint16_t, 3>& texels, double light) {
+    const auto where = window_of(padded, window);
     require(texels.shape(2) == 2 && static_cast<double>(texels.size()) < 1e9, "texels are (R, C, 2)");
     auto map = read_from<Rotation, 2>(texel_from_ray);
     return to_numpy(unlocked([&] { return simulate::sheet_pixels(view(padded), where, map, view(texels), light); }));
@@ -154,18 +161,28 @@ auto digitised(const InPlane& grey, double electrons_per_grey, double read_noise
     return to_numpy(unlocked([&] { return simulate::digitised(view(grey), electrons_per_grey, read_noise, seed); }));
 }
 
+auto huffman_deflated(const Numpy<const std::uint8_t, 1>& bytes) {
+    require(bytes.size() > 0 && static_cast<double>(bytes.size()) < 5e8, "1 to 5·10^8 bytes");
+    return to_numpy(unlocked([&] { return simulate::huffman_deflated(view(bytes)); }));
+}
+
 auto spline(const InVector& places, const InMatrix& points, const InVector& at) {
     require(places.size() > 3 && places.size() == points.shape(0), "a spline goes through four points or more");
     auto found = unlocked([&] { return simulate::spline(view(places), view(points), view(at)); });
     return arrays(found[0], found[1]);
 }
 
-auto tube_pixels(const InMatrix& curve, int width, int height, const InMatrix& inner, int divisions, double asymmetry) {
-    require(curve.shape(1) == 7 && inner.shape(1) == 2 && divisions > 0, "give (N, 7) and (S, 2)");
+auto tube_parts(const InMatrix& curve, std::array<int, 2> size, int room, int factor, double asymmetry) {
+    const auto [width, height] = size;
+    require(curve.shape(0) > 0 && curve.shape(1) == 9 && room >= 0 && room < 10000 && factor > 0 && factor < 100,
+            "a tube's samples are (N, 9)");
     require(width > 0 && height > 0 && 1.0 * width * height < 3e8, "a picture has 1 to 3·10^8 pixels");
-    auto found =
-        unlocked([&] { return simulate::tube_pixels(view(curve), width, height, view(inner), divisions, asymmetry); });
-    return arrays(found.rows, found.columns, found.nearest, found.coverage, found.shade);
+    auto found = unlocked([&] { return simulate::tube_parts(view(curve), width, height, room, factor, asymmetry); });
+    nb::list parts;
+    for (simulate::TubePart& part : found)
+        parts.append(
+            nb::make_tuple(part.left, part.top, to_numpy(std::move(part.fine)), to_numpy(std::move(part.depth))));
+    return parts;
 }
 
 auto advance(nb::handle rod, nb::handle object, std::array<double, 5> touching, const InCube& frames,
@@ -205,15 +222,17 @@ void bind_simulate(nb::module_& module) {
     room.def("surface_radii", &surface_radii, "(K,) distance of a free form's surface from its centre.");
     room.def("first_within", &first_within, "The first of A poses that brings a point near; A where none does.");
     room.def("cast_rays", &cast_rays, "Depths (N,), normals (N, 3) and faces (N,) of the first hits of rays.");
-    room.def("lit", &lit, "Brightness (N,) and faces (N,) of a white object where rays (N, 2) meet it.");
+    room.def("object_pixels", &object_pixels, "(2, H, W) float32 brightness and presence of a white object.");
     room.def("rays_between", &rays_between, "(N, 2) x/z and y/z at pixels (N, 2).");
     room.def("surroundings", &surroundings, "(H, W) float32 brightness of the bench where the pixels' rays end.");
     room.def("sheet_pixels", &sheet_pixels, "(2, H·F, W·F) float32 brightness and presence of a sheet's texels.");
     room.def("blurred_change", &blurred_change,
              "(H, W) float32 what a patch changes in the blurred picture behind it.");
     room.def("digitised", &digitised, "(H, W) uint8 grey levels with noise.");
+    room.def("huffman_deflated", &huffman_deflated, "Deflate stream of bytes, both uint8, without a search in them.");
     room.def("spline", &spline, "(M, D) values and slopes of the cubic spline through points.");
-    room.def("tube_pixels", &tube_pixels, "Rows, columns, nearest samples (K,), coverage and shade (K, S) of a tube.");
+    room.def("tube_parts", &tube_parts,
+             "Of each stretch of a tube: left, top, brightness and covered part (2, H·F, W·F) float32, depth (H, W).");
     room.def("advance", &advance, "Contacts (B, 23) after a step with friction, and which were found (B,) uint8.");
     room.def("gripped", &gripped, "The grip that keeps Coulomb's law, two components.");
 }
