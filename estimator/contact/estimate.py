@@ -31,7 +31,6 @@ from .inputs import Batch, FrameOptions, Lines, without_outliers
 from .motion import Beam, Shapes
 from .settings import ContactSettings
 from .status import unexplained
-from .two_contacts import both_contacts
 
 CHUNK = 2048
 """Frames that are solved at once."""
@@ -160,7 +159,7 @@ class ContactEstimator:
         (one,) = contacts = self._contacts(batch)
         if not unexplained(contacts.numbers)[0]:
             return [one]
-        return both_contacts(one, contacts.numbers.unknowns[0], self._rig_arrays, batch)
+        return self._both(contacts, batch)
 
     def measure_two(self, measured: Measured) -> list[Contact]:
         """`estimate_two` for a validated frame, with the rig as updated by the last recording's free frames. The
@@ -172,7 +171,13 @@ class ContactEstimator:
         (one,) = contacts = now._contacts(batch)
         if contacts.numbers.points[0] < ContactSettings.fewest_points or not unexplained(contacts.numbers)[0]:
             return [one]
-        return both_contacts(one, contacts.numbers.unknowns[0], now._rig_arrays, batch)
+        return now._both(contacts, batch)
+
+    def _both(self, contacts: Contacts, batch: Batch) -> list[Contact]:
+        """Both contacts of a frame that no single one explains; the one, where the frame does not determine two."""
+        from .two_contacts import both_contacts
+
+        return both_contacts(contacts[0], contacts.numbers.unknowns[0], self._rig_arrays, batch)
 
     def _checked(self, **data: Any) -> Batch:
         """The validated arguments of `estimate_batch`. Raises InputError."""

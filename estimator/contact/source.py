@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,9 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimator.table.contacts import LOCATED, ContactRow, ContactTable
-from vbaa_calib.convert.child import is_bag
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import sha256
+from vbaa_calib.core.files import is_bag, is_recorded, sha256
 from vbaa_calib.core.polyline import arc_lengths, resample
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import (
@@ -33,13 +31,7 @@ from vbaa_calib.session import (
     read_recording,
     without_moments,
 )
-from vbaa_calib.streams import MessageSource as Opened
-from vbaa_calib.streams import Synchronizer, Timing, taken_frames
-from vbaa_calib.streams.bags import Topics
-from vbaa_calib.streams.pictures import stored, thinned
-from vbaa_calib.streams.recorded import is_recorded, open_recorded
 
-from .clock import recorded_clock_offset
 from .contacts import Contacts, in_motion
 from .estimate import STREAM, ContactEstimator
 from .inputs import Batch
@@ -57,6 +49,8 @@ from .settings import ContactSettings
 if TYPE_CHECKING:
     from estimator.diagnose import RecordingWatch
     from estimator.table.overview import Overview
+    from vbaa_calib.streams import MessageSource, Timing
+    from vbaa_calib.streams.bags import Topics
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +67,10 @@ class _Stream:
     no_moment: bool = False
     notes: list[str] = field(default_factory=list)
 
-    def opened(self) -> Opened:
+    def opened(self) -> MessageSource:
         """Opens source and synchroniser for one pass. Raises InputError."""
+        from vbaa_calib.streams.recorded import open_recorded  # loads what a session does without
+
         readings = self.path.with_suffix(".csv")
         table = readings if readings.is_file() and not is_bag(self.path) else None
         timing = self.timing
@@ -85,6 +81,8 @@ class _Stream:
 
     def taken(self) -> Iterator[tuple[Frame, FramePictures]]:
         """The frames with pictures, in order."""
+        from vbaa_calib.streams import Synchronizer, taken_frames
+
         source = self.opened()
         timing = replace(self.timing, moment_std_Nm=self.rig.reading_noise)
         synchronizer = Synchronizer(timing, source.channels, self.rig.image_sizes, source.notes, live=False)
@@ -98,6 +96,8 @@ class _Stream:
         support it."""
         if not self.timing.estimate_offset:
             return self
+        from .clock import recorded_clock_offset
+
         offset_s, std_s, _ = recorded_clock_offset(estimator, self.opened, self.timing, ground)
         return replace(self, timing=replace(self.timing, offset_s=offset_s, offset_std_s=std_s))
 
@@ -207,6 +207,8 @@ def unpacked(
     rig: Rig, taken: Iterable[tuple[Frame, FramePictures]], folder: Path
 ) -> Iterator[tuple[Frame, FramePictures]]:
     """Frames with their pictures written to files in a folder."""
+    from vbaa_calib.streams.pictures import stored
+
     for frame, pictures in taken:
         several = pictures if isinstance(pictures, Mapping) else {rig.camera_name: pictures}
         others = {
@@ -219,6 +221,7 @@ def unpacked(
 
 def sample_of(rig: Rig, taken: Iterable[tuple[Frame, FramePictures]], folder: Path) -> list[Still]:
     """Some pictures of each camera from a bag or video, written to files in a folder."""
+    from vbaa_calib.streams.pictures import thinned
 
     def judged() -> Iterator[tuple[tuple[Frame, FramePictures], np.ndarray]]:
         """Each frame with the picture by which it is judged: that of the first camera that has one."""
@@ -241,6 +244,9 @@ def open_source(
     what is wrong in it.
     """
     if is_stream(path):
+        from vbaa_calib.streams import Timing
+        from vbaa_calib.streams.bags import Topics
+
         stream = _Stream(path, rig, topics or Topics(), timing or Timing(), no_moment)
         stream.opened()  # what is wrong is told at once
         return _Source(None, (), None, stream)
@@ -292,6 +298,8 @@ def inputs_digest(path: Path) -> str:
 
     Raises InputError where a file is missing or cannot be read.
     """
+    import hashlib
+
     files = _recording_files(path)
     if is_stream(path):
         # bags and videos are too large to be read twice

@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from vbaa_calib.session import Frame
-from vbaa_calib.streams.messages import CHANNELS
+from vbaa_calib.session import CHANNELS, Frame
 
 from .contacts import LOCATED, Contact, ContactTable, Measured
 

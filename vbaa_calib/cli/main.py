@@ -7,14 +7,12 @@ import atexit
 import contextlib
 import difflib
 import gc
-import hashlib
 import importlib
 import os
 import re
 import signal
 import sys
 import threading
-import traceback
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import FrameType, ModuleType
@@ -105,6 +103,8 @@ class _Parser(argparse.ArgumentParser):
 
 def _version() -> str:
     """The version, and a digest of the sources."""
+    import hashlib  # loads OpenSSL
+
     digest, root = hashlib.sha256(), Path(vbaa_calib.__file__).parents[1]
     for package in ("estimator", "targets", "vbaa", "vbaa_calib", "viz"):
         for path in sorted((root / package).rglob("*.py")):
@@ -253,6 +253,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 1
     except Exception as error:
         if "--debug" in argv:
+            import traceback
+
             traceback.print_exc()
         if _signals:
             return _ended()

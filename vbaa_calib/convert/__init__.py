@@ -9,12 +9,11 @@ from typing import Any
 from vbaa_calib.camera import Camera
 from vbaa_calib.camera.camera import SCHEMA as CAMERA_SCHEMA
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import read_bytes, read_json, read_text
+from vbaa_calib.core.files import is_bag, read_bytes, read_json, read_text
 from vbaa_calib.rig import SCHEMA as RIG_SCHEMA
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import read_pose
 
-from .child import is_bag
 from .robots import KALIBR, ORB_SLAM, ROS
 from .values import Exchanged, Format, Wanted
 from .vision import CAHVOR, COLMAP, MRCAL, NUMBERS, OPENCV

@@ -32,19 +32,6 @@ _ERROR = "error"
 Arrays = Mapping[str, np.ndarray]
 
 
-def is_bag(path: Path) -> bool:
-    """Whether a path is a bag: by its suffix, or a folder with a bag's metadata or only with a bag's files."""
-    suffixes = (".mcap", ".bag", ".db3")
-    if path.suffix.lower() in suffixes or os.path.isfile(path / "metadata.yaml"):
-        return True
-    names = [Path(name) for name in os.listdir(path)] if os.path.isdir(path) else []
-    bags = [name for name in names if name.suffix.lower() in suffixes]
-    # as ROS 2 numbers the parts of one; several others are recordings of their own
-    parts = all(re.fullmatch(re.escape(path.resolve().name) + r"_\d+", name.stem) for name in bags)
-    alone = {name.suffix.lower() for name in names} <= {*suffixes, ".db3-shm", ".db3-wal", ".txt", ".log"}
-    return bool(bags) and alone and (parts or len(bags) == 1)
-
-
 def says_rectified(topic: str) -> bool:
     """Whether a topic's name is that of rectified pictures, such as image_rect and image_rect_color."""
     return re.search(r"(?:^|[/_])rect(?:ified)?(?:[/_]|$)", topic) is not None

@@ -14,10 +14,10 @@ import yaml
 
 from vbaa_calib.core.arrays import PLAUSIBLE
 from vbaa_calib.core.errors import InputError, quoted
-from vbaa_calib.core.files import read_text, read_yaml
+from vbaa_calib.core.files import is_bag, read_text, read_yaml
 from vbaa_calib.geometry import Pose
 
-from .child import is_bag, read_camera_infos, read_in_child
+from .child import read_camera_infos, read_in_child
 from .refit import PROJECTIONS, refitted
 from .values import Exchanged, Format, Wanted, checked, numbers, one_of, size_of, stated
 

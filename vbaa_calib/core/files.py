@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import hashlib
 import io
 import json
 import math
@@ -83,6 +82,25 @@ def require_file(path: Path, kind: str = "file", most: float = math.inf) -> None
     if status.st_size > most:
         what = f"holds {status.st_size / 1e6:.0f} MB, more than {most / 1e6:.0f} MB"
         raise InputError(what, where=path, remedy=f"is this the {kind} that is meant?")
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is a bag: by its suffix, or a folder with a bag's metadata or only with a bag's files."""
+    suffixes = (".mcap", ".bag", ".db3")
+    if path.suffix.lower() in suffixes or os.path.isfile(path / "metadata.yaml"):
+        return True
+    names = [Path(name) for name in os.listdir(path)] if os.path.isdir(path) else []
+    bags = [name for name in names if name.suffix.lower() in suffixes]
+    # as ROS 2 numbers the parts of one; several others are recordings of their own
+    parts = all(re.fullmatch(re.escape(path.resolve().name) + r"_\d+", name.stem) for name in bags)
+    alone = {name.suffix.lower() for name in names} <= {*suffixes, ".db3-shm", ".db3-wal", ".txt", ".log"}
+    return bool(bags) and alone and (parts or len(bags) == 1)
+
+
+def is_recorded(path: Path) -> bool:
+    """Whether a path is a recorded stream: a bag, a video, a table of pictures."""
+    videos = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".ts")
+    return is_bag(path) or path.suffix.lower() in (*videos, ".csv")
 
 
 def read_text(path: Path, most: int = FILE_LIMITS.most_bytes) -> str:
@@ -272,6 +290,8 @@ def _unique_object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def sha256(path: Path) -> str:
     """Hex digest of a file's bytes. Raises InputError when it cannot be read."""
+    import hashlib  # loads OpenSSL
+
     require_file(path)
     try:
         with Path(path).open("rb") as stream:

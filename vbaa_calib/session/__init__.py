@@ -6,7 +6,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from .drift import DRIFTS, Drift, MovingClamp, drift_of
-from .moment_sensor import READINGS, SILENT, MomentSensor
+from .moment_sensor import CHANNELS, READINGS, SILENT, MomentSensor
 
 if TYPE_CHECKING:
     from .centrelines import Centrelines, antennas_of, centrelines_of, read_centrelines

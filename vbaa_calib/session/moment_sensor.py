@@ -23,6 +23,8 @@ reads of each."""
 
 SILENT: dict[str, Any] = dict.fromkeys(READINGS.values(), math.nan)
 """Nothing was read."""
+CHANNELS = (*SILENT, "pan_rad", "tilt_rad")
+"""What is read along with the pictures, named as the columns of recording.csv are."""
 
 
 def _not_zero(gain: float) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import os
 import re
@@ -75,6 +74,8 @@ class Picture:
 
     @cached_property
     def sha256(self) -> str:
+        import hashlib  # loads OpenSSL
+
         return hashlib.sha256(self.data).hexdigest()
 
 

@@ -22,9 +22,9 @@ import cv2
 import numpy as np
 
 from vbaa_calib.camera import Camera
-from vbaa_calib.convert.child import is_bag, read_bag_head, read_in_child, says_rectified, take_all_schemas
+from vbaa_calib.convert.child import read_bag_head, read_in_child, says_rectified, take_all_schemas
 from vbaa_calib.core.errors import InputError, clipped, quoted, require_extra
-from vbaa_calib.core.files import most_memory, read_yaml, require_file
+from vbaa_calib.core.files import is_bag, most_memory, read_yaml, require_file
 from vbaa_calib.core.images import as_levels, read_picture
 from vbaa_calib.session import READINGS
 

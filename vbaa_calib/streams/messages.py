@@ -20,7 +20,7 @@ import numpy as np
 from vbaa_calib.core.arrays import PLAUSIBLE, as_float
 from vbaa_calib.core.errors import InputError, clipped, quoted
 from vbaa_calib.core.images import read_picture
-from vbaa_calib.session import SILENT
+from vbaa_calib.session import CHANNELS, SILENT
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,6 @@ class _MessageSettings:
 
 
 MESSAGES = _MessageSettings()
-
-CHANNELS = (*SILENT, "pan_rad", "tilt_rad")
-"""What is read along with the pictures, named as the columns of recording.csv are."""
 
 
 def checked_channel(channel: Any) -> str:

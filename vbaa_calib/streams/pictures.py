@@ -10,8 +10,8 @@ from typing import TypeVar
 import cv2
 import numpy as np
 
-from vbaa_calib.convert.child import is_bag
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import is_bag
 from vbaa_calib.sources.files import Picture, frame_picture, printable
 
 from .bags import Topics, open_bag

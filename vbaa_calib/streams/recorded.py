@@ -21,11 +21,11 @@ from typing import BinaryIO
 import numpy as np
 
 from vbaa_calib.camera import Camera
-from vbaa_calib.convert.child import is_bag
 from vbaa_calib.core.csv_rows import csv_rows, header_of, number
 from vbaa_calib.core.errors import Disconnected, InputError
-from vbaa_calib.core.files import require_file
+from vbaa_calib.core.files import is_bag, require_file
 from vbaa_calib.core.images import read_picture
+from vbaa_calib.session import CHANNELS
 from vbaa_calib.session.tables import IN_DEGREES
 from vbaa_calib.sources import open_source
 from vbaa_calib.sources.files import FolderSettings, FolderSource, VideoSource
@@ -33,14 +33,8 @@ from vbaa_calib.sources.live import LiveSource
 
 from .bags import Topics, open_bag
 from .devices import open_device
-from .messages import CHANNELS, MESSAGES, Messages, MessageSource, Reading, Taken, line_messages, now_s
+from .messages import MESSAGES, Messages, MessageSource, Reading, Taken, line_messages, now_s
 from .synchronize import Timing
-
-
-def is_recorded(path: Path) -> bool:
-    """Whether a path is a recorded stream: a bag, a video, a table of pictures."""
-    videos = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".ts")
-    return is_bag(path) or path.suffix.lower() in (*videos, ".csv")
 
 
 def open_recorded(

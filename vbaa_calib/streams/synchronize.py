@@ -15,10 +15,10 @@ import numpy as np
 
 from vbaa_calib.core.arrays import ANGLE_REMEDY, PLAUSIBLE, as_floats, check_each, validate_arguments
 from vbaa_calib.core.errors import InputError, quoted
-from vbaa_calib.session import READINGS, Frame
+from vbaa_calib.session import CHANNELS, READINGS, Frame
 from vbaa_calib.session.tables import ANGLES
 
-from .messages import CHANNELS, MESSAGES, Reading, Taken, checked_channel
+from .messages import MESSAGES, Reading, Taken, checked_channel
 
 _Message = Taken | Reading
 

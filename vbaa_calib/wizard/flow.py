@@ -8,9 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from vbaa_calib.convert.child import is_bag
 from vbaa_calib.core.errors import Disconnected, InputError, VbaaError
-from vbaa_calib.core.files import sha256
+from vbaa_calib.core.files import is_bag, sha256
 from vbaa_calib.core.images import SUFFIXES
 from vbaa_calib.sources import PictureSource, VideoSource, open_source
 

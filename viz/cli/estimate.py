@@ -303,7 +303,7 @@ class _Recording:
 
 
 def _is_session(path: Path) -> bool:
-    from vbaa_calib.streams.recorded import is_recorded
+    from vbaa_calib.core.files import is_recorded
 
     return not is_recorded(path)
 

@@ -109,9 +109,9 @@ def _board(args: argparse.Namespace) -> Board:
 @contextmanager
 def _folder_of(args: argparse.Namespace) -> Iterator[Path]:
     """The pictures' folder; for a video or bag a folder with its sharp and different pictures. Raises InputError."""
+    from vbaa_calib.core.files import is_recorded
     from vbaa_calib.streams.bags import Topics
     from vbaa_calib.streams.pictures import unpack_views
-    from vbaa_calib.streams.recorded import is_recorded
 
     from .streams import named_topics
 

@@ -122,7 +122,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _clocked(args: argparse.Namespace, estimator: ContactEstimator, timing: Timing, ground: Ground | None) -> Timing:
     """The timing with the clocks' offset, estimated if asked. Raises InputError where it cannot be estimated."""
-    from vbaa_calib.streams.recorded import is_recorded
+    from vbaa_calib.core.files import is_recorded
 
     path = Path(args.source)
     estimated = [args.clock_offset, *(each.rpartition("=")[2] for each in args.camera_offset)]
@@ -134,8 +134,9 @@ def _clocked(args: argparse.Namespace, estimator: ContactEstimator, timing: Timi
 
 def _source(args: argparse.Namespace, rig: Rig, timing: Timing) -> MessageSource:
     """The named source with its readings. Raises InputError."""
+    from vbaa_calib.core.files import is_recorded
     from vbaa_calib.streams.devices import udp_socket, with_datagrams
-    from vbaa_calib.streams.recorded import is_recorded, open_running
+    from vbaa_calib.streams.recorded import open_running
 
     path = Path(args.source)
     if is_recorded(path) and args.source != "-":

@@ -235,7 +235,7 @@ def named_topics(entries: Iterable[str], roles: Sequence[str] | None = _ROLES) -
 
 def recorded(args: argparse.Namespace, path: Path, rig: Rig, timing: Timing) -> MessageSource:
     """A bag, a video or a table of pictures, with its readings. Raises InputError."""
-    from vbaa_calib.convert.child import is_bag
+    from vbaa_calib.core.files import is_bag
     from vbaa_calib.streams.recorded import open_recorded
 
     table = args.readings
