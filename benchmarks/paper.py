@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,7 +20,6 @@ from benchmarks.figures import COLOURS, INK, SHADE, label, panels
 from benchmarks.harness import Draws, Findings, Options, column, concatenated, mean, rms_known, row_of, spread, table
 from benchmarks.object.scenes import contact_table
 from estimator import ContactEstimator
-from estimator.contact.contacts import Contacts
 from estimator.object.estimate import ObjectEstimate, estimate_object
 from estimator.paper.baselines import press_from_recording, run_method
 from estimator.paper.two_point import contact_position
@@ -93,18 +91,82 @@ def taken(true: Rig, shape: RodShape) -> Pictures:
     return Pictures(seen(true.camera, true.T_antenna_camera, there), sensor.gain * moment + sensor.offset_Nm)
 
 
-_FRAME_RATE_HZ = 30.0
-FELT = "all points, felt"
-"""`estimator.object.estimate`: shape, slip, friction and compliance together, of the estimator's contacts."""
+@dataclass(frozen=True, eq=False)
+class Touched:
+    """B frames of a true antenna on an edge: what it shows touched and free, and the truth.
+
+    pan_rad, tilt_rad : (B,). rotation : (B, 3, 3) antenna frame to world. distance_m : (B,). point_m : (B, 3) contacts,
+    world. force_N, normal : (B, 3) on the antenna, and outward of the edge, antenna frame.
+    """
+
+    pictures: Pictures
+    free: Pictures
+    pan_rad: np.ndarray
+    tilt_rad: np.ndarray
+    rotation: np.ndarray
+    distance_m: np.ndarray
+    point_m: np.ndarray
+    force_N: np.ndarray
+    normal: np.ndarray
+
+    def noisy(self, rig: Rig, sigma_px: float, rng: np.random.Generator) -> tuple[Pictures, Pictures]:
+        """Its pictures touched and free with a draw of noise."""
+        return self.pictures.noisy(rig, sigma_px, rng), self.free.noisy(rig, sigma_px, rng)
 
 
-def object_of(
-    rig: Rig, contacts: Contacts, pan_rad: np.ndarray, tilt_rad: np.ndarray, friction_rad: float
-) -> ObjectEstimate:
-    """What one recording's contacts say of the object; `friction_rad` as they were estimated with."""
-    count = len(pan_rad)
-    table = contact_table(contacts, pan_rad, tilt_rad, np.full(count, np.nan), np.arange(count) / _FRAME_RATE_HZ)
-    return estimate_object(table, rig, friction_rad)
+def touched(true: Rig, obj: TouchObject, poses: Sequence[Pose], joints: np.ndarray, free_m_s2: np.ndarray) -> Touched:
+    """The antenna at poses and joints (2, B) on an object, and free under gravity (F, 3), antenna frame."""
+    found = touch(rod_of(true), 0.5 * true.antenna.diameter_m, obj, poses, true.gravity_world_m_s2)
+    rotation = np.stack([pose.rotation for pose in poses])
+    point = np.array([pose @ contact for pose, contact in zip(poses, found.contact_antenna_m, strict=True)])
+    normal = np.einsum("bi,bij->bj", obj.signed_distance(point)[1], rotation)
+    seen, free = taken(true, found.shape), taken(true, free_shape(true, free_m_s2))
+    return Touched(seen, free, joints[0], joints[1], rotation, found.contact_m, point, found.force_antenna_N, normal)
+
+
+def knife_edge(
+    normal_deg: float, touch_point_m: np.ndarray, antenna_radius_m: float, radius_m: float, friction: float = 0.0
+) -> TouchObject:
+    """An edge in the world's yz plane that an antenna whose centreline passes `touch_point_m` just touches.
+
+    Its normal towards the antenna is turned by the angle from −y towards −z.
+    """
+    angle = np.radians(normal_deg)
+    outward = np.array([0.0, -np.cos(angle), -np.sin(angle)])
+    return TouchObject(
+        "knife_edge",
+        touch_point_m - (radius_m + antenna_radius_m) * outward,
+        np.array([0.0, -np.sin(angle), np.cos(angle)]),
+        radius_m,
+        half_length_m=0.3,
+        friction=friction,
+        wedge_world=-outward,
+    )
+
+
+Answer = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Distances (B,), their deviations (B,) and forces (B, 3), antenna frame; NaN where there are none."""
+
+
+def by_two_points(rig: Rig, pictures: Pictures, free: Pictures, sigma_px: float) -> Answer:
+    """The paper's camera A, frame by frame."""
+    seen = (pictures.points_px, pictures.moment_Nm), (free.points_px, free.moment_Nm)
+    still = np.zeros(len(pictures.points_px))
+    press = press_from_recording(rig, *seen, (still, still), sigma_px=sigma_px)
+    points, moments = np.asarray(press.points_m), np.asarray(press.moment_Nm)
+    found = [
+        run_method("3D-VBAA, camera A", replace(press, turn_rad=None, moment_Nm=moment[None], points_m=line[None]))
+        for line, moment in zip(points, moments, strict=True)
+    ]
+    distance, std, force = (
+        [getattr(one, name) for one in found] for name in ("distance_m", "distance_std_m", "force_N")
+    )
+    return np.array(distance), np.array(std), np.array(force)
+
+
+def direction_deg(force_N: np.ndarray) -> np.ndarray:
+    """(...) angle of −f (..., 3) in the yz plane from y."""
+    return np.degrees(np.arctan2(-force_N[..., 2], -force_N[..., 1]))
 
 
 # --- Fig. 7
@@ -146,76 +208,13 @@ class SensingRow:
     lean_rms_deg: float
 
 
-@dataclass(frozen=True, eq=False)
-class _Edges:
-    """One object touched at distances (D,) by one true antenna; forces and outward normals (D, 3), antenna frame."""
-
-    touched: Pictures
-    free: Pictures
-    distance_m: np.ndarray
-    force_N: np.ndarray
-    normal: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class Answers:
-    """(D,) distances and their deviations, (D, 3) forces; NaN where there are none."""
-
-    distance_m: np.ndarray
-    distance_std_m: np.ndarray
-    force_N: np.ndarray
-
-
-def knife_edge(
-    normal_deg: float,
-    touch_point_m: np.ndarray,
-    antenna_radius_m: float,
-    *,
-    radius_m: float = 2e-4,
-    friction: float = 0.0,
-) -> TouchObject:
-    """An edge in the world's yz plane that an antenna whose centreline passes `touch_point_m` just touches.
-
-    Its normal towards the antenna is turned by the angle from −y towards −z.
-    """
-    angle = np.radians(normal_deg)
-    outward = np.array([0.0, -np.cos(angle), -np.sin(angle)])
-    return TouchObject(
-        "knife_edge",
-        touch_point_m - (radius_m + antenna_radius_m) * outward,
-        np.array([0.0, -np.sin(angle), np.cos(angle)]),
-        radius_m,
-        half_length_m=0.3,
-        friction=friction,
-        wedge_world=-outward,
-    )
-
-
-def touched_edges(true: Rig, normal_deg: float) -> _Edges:
+def touched_edges(true: Rig, normal_deg: float) -> Touched:
     """The base stands so that the free antenna just touches at each distance, then turns by `_PUSH_RAD` about z."""
-    gravity = true.gravity_world_m_s2
-    free = free_shape(true, gravity[None])
-    turn = rotation_world_antenna(_PUSH_RAD, 0.0)
-    radius = 0.5 * true.antenna.diameter_m
-    obj = knife_edge(normal_deg, np.zeros(3), radius)
-    poses = [Pose(turn, -point) for point in map(partial(free_point, true), DISTANCES_M)]
-    found = touch(rod_of(true), radius, obj, poses, gravity)
-    contact = np.array([pose @ point for pose, point in zip(poses, found.contact_antenna_m, strict=True)])
-    _, normal = obj.signed_distance(contact)
-    return _Edges(taken(true, found.shape), taken(true, free), found.contact_m, found.force_antenna_N, normal @ turn)
-
-
-def by_camera_a(rig: Rig, pictures: Pictures, free: Pictures, sigma_px: float) -> Answers:
-    """The paper's camera A, frame by frame."""
-    seen = (pictures.points_px, pictures.moment_Nm), (free.points_px, free.moment_Nm)
-    still = np.zeros((2, len(pictures.points_px)))
-    press = press_from_recording(rig, *seen, (still[0], still[1]), sigma_px=sigma_px)
-    points, moments = np.asarray(press.points_m), np.asarray(press.moment_Nm)
-    found = [
-        run_method("3D-VBAA, camera A", replace(press, turn_rad=None, moment_Nm=moment[None], points_m=line[None]))
-        for line, moment in zip(points, moments, strict=True)
-    ]
-    return Answers(*(np.array([getattr(each, name) for each in found]) for name in Answers.__annotations__))
+    turn, gravity = rotation_world_antenna(_PUSH_RAD, 0.0), true.gravity_world_m_s2
+    obj = knife_edge(normal_deg, np.zeros(3), 0.5 * true.antenna.diameter_m, 2e-4)
+    poses = [Pose(turn, -free_point(true, distance)) for distance in DISTANCES_M]
+    joints = np.array([[_PUSH_RAD], [0.0]]).repeat(len(poses), axis=1)
+    return touched(true, obj, poses, joints, gravity[None])
 
 
 def sensing(draws: int, seed: int) -> list[SensingRow]:
@@ -227,10 +226,10 @@ def sensing(draws: int, seed: int) -> list[SensingRow]:
         edges = [touched_edges(true, normal_deg) for true in trues]
         for sigma_px in SIGMAS_PX:
             used = [edges[draw % len(edges)] for draw in range(draws)]
-            drawn = [each.touched.noisy(rig, sigma_px, rng) for each in used]
+            drawn = [each.pictures.noisy(rig, sigma_px, rng) for each in used]
             answers = {
                 TWO_POINTS: [
-                    by_camera_a(rig, pictures, each.free.noisy(rig, sigma_px, rng), sigma_px)
+                    by_two_points(rig, pictures, each.free.noisy(rig, sigma_px, rng), sigma_px)
                     for pictures, each in zip(drawn, used, strict=True)
                 ],
                 ALL_POINTS: _by_all_points(rig, drawn, sigma_px),
@@ -240,12 +239,7 @@ def sensing(draws: int, seed: int) -> list[SensingRow]:
     return rows
 
 
-def direction_deg(force_N: np.ndarray) -> np.ndarray:
-    """(...) angle of −f (..., 3) in the yz plane from y."""
-    return np.degrees(np.arctan2(-force_N[..., 2], -force_N[..., 1]))
-
-
-def _by_all_points(rig: Rig, drawn: list[Pictures], sigma_px: float) -> list[Answers]:
+def _by_all_points(rig: Rig, drawn: list[Pictures], sigma_px: float) -> list[Answer]:
     """The estimator without friction, all draws in one batch."""
     together = concatenated(drawn)
     count = len(together.points_px)
@@ -253,13 +247,13 @@ def _by_all_points(rig: Rig, drawn: list[Pictures], sigma_px: float) -> list[Ans
         together.points_px, together.moment_Nm[:, 1], np.full(count, _PUSH_RAD), np.zeros(count), sigma_px=sigma_px
     )
     columns = found.distance_m, found.distance_std_m, found.force_N
-    return [Answers(*parts) for parts in zip(*(np.split(values, len(drawn)) for values in columns), strict=True)]
+    return list(zip(*(np.split(values, len(drawn)) for values in columns), strict=True))
 
 
 def _sensing_rows(
-    method: str, sigma_px: float, normal_deg: float, used: list[_Edges], several: list[Answers]
+    method: str, sigma_px: float, normal_deg: float, used: list[Touched], several: list[Answer]
 ) -> Iterator[SensingRow]:
-    distance, std, force = (np.array([getattr(each, name) for each in several]) for name in Answers.__annotations__)
+    distance, std, force = (np.array(each) for each in zip(*several, strict=True))
     true, pushed = np.array([each.distance_m for each in used]), np.array([each.force_N for each in used])
     normal = np.array([each.normal for each in used])
     off = 1e3 * (distance - true)
@@ -292,18 +286,6 @@ APPROACH, LEG = 24, 16
 """Frames of the press, and of each of the two legs."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Dragged:
-    """One true antenna over one edge, B frames: R_world_antenna (B, 3, 3), joints (B,), contacts (B, 3) m, world."""
-
-    touched: Pictures
-    free: Pictures
-    pan_rad: np.ndarray
-    tilt_rad: np.ndarray
-    rotation: np.ndarray
-    point_m: np.ndarray
-
-
 def joints() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Pan and tilt (B,), and the part (B,) of each frame: 0 press, 1 there, 2 back."""
     press = np.linspace(-0.15, 1.0, APPROACH) * _PRESSED_RAD
@@ -315,20 +297,19 @@ def joints() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return cos * against - sin * along, sin * against + cos * along, part
 
 
-def dragged(true: Rig, friction: float) -> _Dragged:
+def dragged(true: Rig, friction: float) -> Touched:
     """The antenna pressed along the edge's normal, then carried along the edge and back."""
     pan, tilt, _ = joints()
-    at = free_point(true, DISTANCE_M)
-    radius = 0.5 * true.antenna.diameter_m
-    obj = knife_edge(NORMAL_DEG, at, radius, radius_m=_EDGE_RADIUS_M, friction=friction)
+    at, radius = free_point(true, DISTANCE_M), 0.5 * true.antenna.diameter_m
+    obj = knife_edge(NORMAL_DEG, at, radius, _EDGE_RADIUS_M, friction)
     poses = [true.kinematics.T_world_antenna(float(p), float(t)) for p, t in zip(pan, tilt, strict=True)]
-    found = touch(rod_of(true), radius, obj, poses, true.gravity_world_m_s2)
     rotation = np.stack([pose.rotation for pose in poses])
-    free = free_shape(true, true.gravity_world_m_s2 @ rotation)
-    point = np.array([pose @ contact for pose, contact in zip(poses, found.contact_antenna_m, strict=True)])
-    return _Dragged(taken(true, found.shape), taken(true, free), pan, tilt, rotation, point)
+    return touched(true, obj, poses, np.array([pan, tilt]), true.gravity_world_m_s2 @ rotation)
 
 
+_FRAME_RATE_HZ = 30.0
+FELT = "all points, felt"
+"""`estimator.object.estimate`: shape, slip, friction and compliance together, of the estimator's contacts."""
 FRICTIONS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.6)
 _DRAGGED_RIGS = 2
 SHOWN = 0.3
@@ -393,11 +374,10 @@ class Cone:
         return float(np.tan(np.radians(0.5 * (self.there_deg + self.back_deg))))
 
 
-def _by_two_points(rig: Rig, frames: _Dragged, drawn: Pictures, free: Pictures, sigma_px: float) -> Trace:
-    """The paper's way: camera A, then its equations 19 to 22 with the mended rotation."""
-    found = by_camera_a(rig, drawn, free, sigma_px)
-    force = found.force_N
-    point = contact_position(found.distance_m, force[:, 1], force[:, 2], rig.antenna.stiffness_Nm2)
+def _in_world(rig: Rig, frames: Touched, answer: Answer) -> Trace:
+    """By the paper's equations 19 to 22 with the mended rotation."""
+    distance, _, force = answer
+    point = contact_position(distance, force[:, 1], force[:, 2], rig.antenna.stiffness_Nm2)
     force = np.where(np.arange(3) == 0, 0.0, force)
     return np.einsum("bij,bj->bi", frames.rotation, point), np.einsum("bij,bj->bi", frames.rotation, force)
 
@@ -432,13 +412,16 @@ def dragging(draws: int, seed: int, frictions: Sequence[float] = FRICTIONS) -> t
             estimates = []
             for draw in range(draws):
                 used = frames[draw % len(frames)]
-                drawn, free = (each.noisy(rig, sigma_px, rng) for each in (used.touched, used.free))
+                drawn, free = used.noisy(rig, sigma_px, rng)
+                joint = used.pan_rad, used.tilt_rad
                 found = ContactEstimator(rig).estimate_batch(
-                    drawn.points_px, drawn.moment_Nm[:, 1], used.pan_rad, used.tilt_rad, sigma_px=sigma_px
+                    drawn.points_px, drawn.moment_Nm[:, 1], *joint, sigma_px=sigma_px
                 )
-                estimates.append(object_of(rig, found, used.pan_rad, used.tilt_rad, FRICTION_RAD))
+                at_s = np.arange(len(found)) / _FRAME_RATE_HZ
+                contacts = contact_table(found, *joint, np.full(len(found), np.nan), at_s)
+                estimates.append(estimate_object(contacts, rig, FRICTION_RAD))
                 traces = {
-                    TWO_POINTS: _by_two_points(rig, used, drawn, free, sigma_px),
+                    TWO_POINTS: _in_world(rig, used, by_two_points(rig, drawn, free, sigma_px)),
                     ALL_POINTS: (found.point_world_m, found.force_world_N),
                 }
                 for method, trace in traces.items():
@@ -470,7 +453,7 @@ def _object_row(sigma_px: float, friction: float, found: Sequence[ObjectEstimate
     return replace(row, mu_stated=(rms_known(std[said])), mu_covered=mean(inside))
 
 
-def _path_rows(method: str, friction: float, frames: _Dragged, trace: Trace) -> list[PathRow]:
+def _path_rows(method: str, friction: float, frames: Touched, trace: Trace) -> list[PathRow]:
     (point, force), part, normal = trace, joints()[2], cone(trace).normal_deg
     first = np.nanmean(point[:, 1:] - frames.point_m[:, 1:], axis=0) + frames.point_m[APPROACH, 1:]
     seen = 1e3 * (point[:, 1:] - first)

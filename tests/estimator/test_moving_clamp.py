@@ -32,7 +32,7 @@ RATE_HZ = 500.0
 def whiskers(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The bundled recording's first whisk."""
     folder = tmp_path_factory.mktemp("whiskers")
-    text = bundled_scene("whiskers").read_text(encoding="utf-8").replace("frames: 250", "frames: 70")
+    text = bundled_scene("whiskers").read_text(encoding="utf-8").replace("frames: 250", "frames: 62")
     write_text(folder / "short.yaml", text)
     assert main(["simulate", str(folder / "short.yaml"), "-o", str(folder / "short")]) == 0
     return folder / "short"

@@ -118,7 +118,7 @@ def test_pictures_are_exchanged_where_both_places_gain(kind: int, seed: int) -> 
     assert (found.verdict.findings[0].name, found.rows) == ("pictures_exchanged", {25, 40})
 
 
-@pytest.mark.parametrize("kind", [0, 2])
+@pytest.mark.parametrize("kind", [0, pytest.param(2, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("name", "change"),
     [
@@ -136,7 +136,7 @@ def test_moments_of_a_poor_converter_are_named(name: str, kind: int, change: Cal
     assert (found.findings[0].name, found.severity) == (name, "wrong")
 
 
-@pytest.mark.parametrize(("kind", "seed"), [(0, 102), (2, 102)])
+@pytest.mark.parametrize(("kind", "seed"), [(0, 102), pytest.param(2, 102, marks=pytest.mark.slow)])
 def test_moments_that_are_rounded_to_their_noise_are_as_good(kind: int, seed: int) -> None:
     recording = clean_recording(KINDS[kind], seed, 150)
     assert (
