@@ -35,13 +35,13 @@ def free_stills(tilts: Sequence[float] = TILTS) -> list[Still]:
     return [Still(Path(f"noload_{i:03d}.png"), 0.0, tilt, 0.0) for i, tilt in enumerate(tilts)]
 
 
-def hung_loads(rng: np.random.Generator, count: int = 5, pulley: bool = True) -> list[Load]:
-    """Loads at drawn distances; over pulleys to all sides, or weights that hang straight down."""
+def hung_loads(rng: np.random.Generator, count: int = 5) -> list[Load]:
+    """Loads at drawn distances, over pulleys to all sides."""
     found = []
     for index in range(count):
         distance, force = HUNG[index % len(HUNG)]
         distance, force = distance + rng.uniform(-0.012, 0.012), force * rng.uniform(0.7, 1.1)
-        turn = rng.uniform(0, 2 * np.pi) if pulley else -np.pi / 2
+        turn = rng.uniform(0, 2 * np.pi)
         y, z = force * np.cos(turn), force * np.sin(turn)
         found.append(Load(Path(f"loads_{index:03d}.png"), 0.0, 0.0, 0.0, round(distance, 3), float(y), float(z)))
     return found

@@ -17,25 +17,18 @@ RULER = LoadReadings(5e-4, 5e-3)
 LOG_STIFFNESS = 12
 
 
-def misread(
-    observations: Sequence[Observation], rng: np.random.Generator, alike: bool = True, far_m: float = 0.0
-) -> list[Observation]:
-    """The observations with places and weights noted wrong, the same one always by the same if they are `alike`.
-
-    far_m : by how much more the place of the third load is.
-    """
+def misread(observations: Sequence[Observation], rng: np.random.Generator) -> list[Observation]:
+    """The observations with places and weights noted wrong, the same one always by the same."""
     off: dict[object, float] = {}
     noted = []
-    for number, one in enumerate(observations):
+    for one in observations:
         still = one.still
         if isinstance(still, Load):
-            place, weight = reading_keys(still) if alike else ((number, "place"), (number, "weight"))
+            place, weight = reading_keys(still)
             heavier = np.exp(off.setdefault(weight, rng.normal(0.0, RULER.force_std_relative)))
             still = replace(
                 still,
-                distance_m=still.distance_m
-                + off.setdefault(place, rng.normal(0.0, RULER.distance_std_m))
-                + far_m * (number == 6),
+                distance_m=still.distance_m + off.setdefault(place, rng.normal(0.0, RULER.distance_std_m)),
                 force_y_N=heavier * still.force_y_N,
                 force_z_N=heavier * still.force_z_N,
             )

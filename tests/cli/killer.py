@@ -76,7 +76,7 @@ def prepare(folder: Path, names: list[str]) -> None:
     """What these calls read."""
     shutil.copytree(good_files(), folder, dirs_exist_ok=True)
     if any("touches" in CALLS[name] for name in names):
-        table, rig = given("sphere", float("inf"), 37)
+        table, rig = given(37)
         write_contacts(folder / "touches.csv", table.rows())
         (folder / "touches.json").write_text(json.dumps(rig.to_dict()))
     (folder / "fleet.csv").write_text("session,date\nsession,2026-01-01\nagain,2026-02-01\n")

@@ -176,7 +176,7 @@ Brightness = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Shares of the way (M,), places across from −1 to 1 (M,) → grey levels (M,)."""
 
 
-def metal(path_px: np.ndarray, width_px: float, brightness: Brightness, ground: float = 80.0) -> np.ndarray:
+def metal(path_px: np.ndarray, width_px: float, brightness: Brightness) -> np.ndarray:
     """(H, W) grey levels of a straight tube along path (2, 2) whose brightness is given, before an even ground."""
     v, u = (np.mgrid[: FINE * SIZE[0], : FINE * SIZE[1]] + 0.5) / FINE - 0.5
     along = (path_px[1] - path_px[0]) / np.linalg.norm(path_px[1] - path_px[0])
@@ -184,7 +184,7 @@ def metal(path_px: np.ndarray, width_px: float, brightness: Brightness, ground: 
     share = offset @ along / np.linalg.norm(path_px[1] - path_px[0])
     across = offset @ np.array([-along[1], along[0]]) / (0.5 * width_px)
     on = (np.abs(across) < 1.0) & (share > 0.0) & (share < 1.0)
-    light = np.full(u.shape, ground)
+    light = np.full(u.shape, 80.0)
     light[on] = brightness(share[on], across[on])
     blurred = cv2.GaussianBlur(light, (0, 0), 0.7 * FINE)
     return blurred.reshape(SIZE[0], FINE, SIZE[1], FINE).mean(axis=(1, 3))
@@ -241,10 +241,10 @@ def test_filters_of_a_camera_are_in_the_deviations(width_px: float) -> None:
     assert 0.5 < np.sqrt(np.mean(together)) < 1.25
 
 
-def in_colour(cover: np.ndarray, ground: np.ndarray, rng: np.random.Generator, noise: float = 1.5) -> np.ndarray:
+def in_colour(cover: np.ndarray, ground: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """(H, W, 3) of an antenna of one colour that covers so much (H, W) of a ground (H, W, 3)."""
     light = ground + cover[..., None] * (np.array([150.0, 120.0, 90.0]) - ground)
-    return np.stack([exposed(channel, rng, noise) for channel in np.moveaxis(light, -1, 0)], axis=-1)
+    return np.stack([exposed(channel, rng, 1.5) for channel in np.moveaxis(light, -1, 0)], axis=-1)
 
 
 @pytest.mark.parametrize("width_px", [2.5, 4.0, 9.0])

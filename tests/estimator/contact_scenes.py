@@ -43,11 +43,9 @@ def estimated(seen: Frame, rig: Rig = RIG, model: str = "auto", friction: float 
     return estimator.estimate(seen.points_px, pan=0.0, tilt=seen.tilt_rad, **given)
 
 
-def estimated_together(
-    several: Sequence[Frame], rig: Rig = RIG, model: str = "auto", friction: float = 0.2
-) -> Contacts:
+def estimated_together(several: Sequence[Frame], rig: Rig = RIG, friction: float = 0.2) -> Contacts:
     """The same of many frames in one batch."""
-    estimator = ContactEstimator(rig, model, friction=friction)
+    estimator = ContactEstimator(rig, friction=friction)
     moments, tilts = [seen.moment_Nm for seen in several], [seen.tilt_rad for seen in several]
     return estimator.estimate_batch([seen.points_px for seen in several], moments, [0.0] * len(several), tilts)
 
@@ -97,14 +95,13 @@ def scene_deviations(found: Contacts, given: Scenes) -> np.ndarray:
     return np.concatenate([distance[:, None], force], axis=1)
 
 
-def frames_of(given: Scenes, friction: float, exact: bool = False) -> Frames:
-    """Scenes as the solver takes them; with `exact` the rig counts as known."""
+def frames_of(given: Scenes, friction: float) -> Frames:
+    """Scenes as the solver takes them."""
     rig_arrays, count = RigArrays.from_rig(given.rig, friction), len(given)
     rotation, _ = given.rig.kinematics.world_antenna(given.pan_rad, given.tilt_rad)
     gravity = np.einsum("bji,j->bi", rotation, given.rig.gravity_world_m_s2)
     readings = np.column_stack([given.moment_Nm, np.full(count, np.nan)])
     sigma, no_tips = np.full(given.points_px.shape[:2], given.sigma_px), np.full((count, 3), np.nan)
-    rig_arrays = rig_arrays.exact if exact else rig_arrays
     return frames_from_pixels(rig_arrays, given.points_px, sigma, readings, no_tips, gravity)
 
 

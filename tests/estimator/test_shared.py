@@ -9,33 +9,28 @@ import pytest
 
 from benchmarks.estimator.scenes import Scenes, random_scenes
 from benchmarks.estimator.setup import ACROSS, Setup
+from benchmarks.object.scenes import contact_table
 from estimator import ContactEstimator
 from estimator.contact.common_errors import CommonErrors, shared_errors
 from estimator.solver.rig_arrays import RigArrays
-from estimator.table.contacts import ContactRow, ContactTable
+from estimator.table.contacts import ContactTable
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import Rig
-from vbaa_calib.session import Frame
 
 RIG = Setup("brown", 0.7, ACROSS, swing_m=0.1, real=True, exact=False).rig()
 FRAMES = 12
 
 
-def scenes_of(true: Rig, given: Rig, seed: int = 5, frames: int = FRAMES) -> Scenes:
-    rng = np.random.default_rng(seed)
-    return random_scenes(true, frames, rng, reach=(0.3, 0.8), slope_rad=(0.1, 0.4), given=given)
+def scenes_of(true: Rig, given: Rig) -> Scenes:
+    rng = np.random.default_rng(5)
+    return random_scenes(true, FRAMES, rng, reach=(0.3, 0.8), slope_rad=(0.1, 0.4), given=given)
 
 
 def table_of(scenes: Scenes) -> ContactTable:
     estimator = ContactEstimator(scenes.rig, "elastica")
     pan, tilt, moment = scenes.pan_rad, scenes.tilt_rad, scenes.moment_Nm
     found = estimator.estimate_batch(scenes.points_px, moment, pan, tilt, sigma_px=scenes.sigma_px)
-    frames = [
-        Frame(None, float(pan[i]), float(tilt[i]), float(moment[i]), frame=i, time_s=0.1 * i)
-        for i in range(len(scenes))
-    ]
-    rows = [ContactRow.of(frame, contact) for frame, contact in zip(frames, found, strict=True)]
-    return ContactTable.from_rows(rows)
+    return contact_table(found, pan, tilt, moment, 0.1 * np.arange(len(scenes)))
 
 
 def true_points(scenes: Scenes, kinematics: Kinematics) -> np.ndarray:

@@ -15,11 +15,11 @@ from estimator import Contact, ContactEstimator
 from estimator.contact.contacts import Contacts
 from estimator.contact.settings import ContactSettings
 from estimator.table.contacts import LOCATED, STATUSES
+from vbaa_calib.antenna.linear import deflection
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.native import core
 from vbaa_calib.rig import Rig
 
-from ..beam import superposed_deflection
 from ..rod_scenes import LENGTH_M, RIG_STD, STIFFNESS_NM2, World, camera_pose
 from ..rod_scenes import seen as pictured
 from .contact_scenes import STRAIGHT, WORLD, answered, fitted_std, frame, rubbed, scene_deviations, withheld
@@ -220,11 +220,11 @@ EXACT = WORLD.rig(np.zeros(17))
 USUAL = WORLD.rig(0.25 * RIG_STD)
 
 
-def rubbing(rig, friction: float, slope: float, count: int = 12, seed: int = 0) -> Scenes:
+def rubbing(rig, friction: float, slope: float) -> Scenes:
     """Frames with noise whose force leans by one angle, over distances and rolls."""
-    rng = np.random.default_rng(seed)
-    contact, roll = rng.uniform(0.4, 0.9, count), rng.uniform(-0.8, 0.8, count)
-    return rubbed(rig, contact, [slope] * count, friction, roll).noisy(rng)
+    rng = np.random.default_rng(0)
+    contact, roll = rng.uniform(0.4, 0.9, 12), rng.uniform(-0.8, 0.8, 12)
+    return rubbed(rig, contact, [slope] * 12, friction, roll).noisy(rng)
 
 
 def squares(found: Contacts, given: Scenes) -> np.ndarray:
@@ -269,19 +269,17 @@ RIGS_SECOND = {
 }
 
 
-def twice_touched(
-    first: float, second: float, share: float, slope_deg: float, rig: str = "exact", roll: float = 0.4, seed: int = 0
-) -> Contact:
+def twice_touched(first: float, second: float, share: float, slope_deg: float, rig: str = "exact") -> Contact:
     """Two forces in one plane on the paper's beam, the second this part of the first; its slope at the second."""
     at = np.array([first, second]) * LENGTH_M
     forces = np.array([1.0, share])
     forces *= 2.0 * STIFFNESS_NM2 * np.tan(np.radians(slope_deg)) / (forces * at**2).sum()
     x = (np.arange(POINTS_SECOND) + 0.5) / POINTS_SECOND * LENGTH_M
-    aside = superposed_deflection(x, at, forces, STIFFNESS_NM2)
-    points = np.stack([x, aside * np.cos(roll), aside * np.sin(roll)], axis=1)
-    rng, sensor = np.random.default_rng(seed), LIGHT_SECOND.sensor
+    aside = deflection(x[:, None], at, forces, STIFFNESS_NM2).sum(axis=1)
+    points = np.stack([x, aside * np.cos(0.4), aside * np.sin(0.4)], axis=1)
+    rng, sensor = np.random.default_rng(0), LIGHT_SECOND.sensor
     pixels = pictured(LIGHT_SECOND.T_antenna_camera, points) + rng.normal(0.0, SIGMA_PX, (POINTS_SECOND, 2))
-    moment = sensor.gain * float(at @ forces) * np.sin(roll) + sensor.offset_Nm + rng.normal(0.0, sensor.std_Nm)
+    moment = sensor.gain * float(at @ forces) * np.sin(0.4) + sensor.offset_Nm + rng.normal(0.0, sensor.std_Nm)
     return ContactEstimator(RIGS_SECOND[rig]).estimate(pixels, moment=moment, pan=0.0, tilt=0.0, sigma_px=SIGMA_PX)
 
 

@@ -28,10 +28,10 @@ EI = 3.9e-3
 STEPS = 24
 
 
-def touched_twice(rod: Rod, loads: np.ndarray, steps: int = STEPS) -> tuple[np.ndarray, np.ndarray]:
+def touched_twice(rod: Rod, loads: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Nodes (N, 4, 3) and the solution (5,) of one rod."""
     nodes, solution, left = core.antenna.solve_touched_twice(
-        rod.numbers, loads[None], rod.clamp_give_m, np.zeros((1, 5)), steps
+        rod.numbers, loads[None], rod.clamp_give_m, np.zeros((1, 5)), STEPS
     )
     assert left[0] < 1e-8
     return nodes[0], solution[0]

@@ -208,31 +208,26 @@ TOPIC, KIND = "/image", "sensor_msgs/msg/Image"
 
 
 @cache
-def types(name: str) -> Any:
-    """The messages of a distribution."""
-    return typesys.get_typestore(typesys.Stores[name])
+def humble() -> Any:
+    """The messages of the distribution."""
+    return typesys.get_typestore(typesys.Stores["ROS2_HUMBLE"])
 
 
 def packed_messages(path: Path) -> None:
     writer = rosbag2.Writer(path, version=9)
     writer.set_compression(rosbag2.CompressionMode.MESSAGE, rosbag2.CompressionFormat.ZSTD)
     with writer:
-        writer.write(writer.add_connection(TOPIC, KIND, typestore=types("ROS2_HUMBLE")), 1, bytes(100_000_000))
-
-
-def mcap_file(path: Path, size: int, times: tuple[int, ...] = (1,), **options: Any) -> None:
-    with path.open("wb") as stream:
-        writer = McapWriter(stream, **options)
-        writer.start(profile="ros2")
-        text = types("ROS2_HUMBLE").generate_msgdef(KIND, ros_version=2)[0].encode()
-        channel = writer.register_channel(TOPIC, "cdr", writer.register_schema(KIND, "ros2msg", text))
-        for time in times:
-            writer.add_message(channel, time, bytes(size), time)
-        writer.finish()
+        writer.write(writer.add_connection(TOPIC, KIND, typestore=humble()), 1, bytes(100_000_000))
 
 
 def lying(path: Path) -> None:
-    mcap_file(path, 100_000_000)
+    with path.open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start(profile="ros2")
+        text = humble().generate_msgdef(KIND, ros_version=2)[0].encode()
+        channel = writer.register_channel(TOPIC, "cdr", writer.register_schema(KIND, "ros2msg", text))
+        writer.add_message(channel, 1, bytes(100_000_000), 1)
+        writer.finish()
     with path.open("rb") as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None

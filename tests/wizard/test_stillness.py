@@ -21,11 +21,9 @@ WALL = 110 + 25 * _SOFT / _SOFT.std()
 _NOISE = np.random.default_rng(8).normal(0, 1, (2 * SIZE[1], 2 * SIZE[0])).astype(np.float32)
 
 
-def board_scene(shift_px: tuple[float, float], turn_rad: float = 0.0) -> np.ndarray:
-    """(360, 640) float32: a printed board before a dull wall, moved and turned about the picture's centre."""
-    cos, sin = np.cos(turn_rad), np.sin(turn_rad)
-    matrix = np.array([[cos, -sin, 0.0], [sin, cos, 0.0]])
-    matrix[:, 2] = np.array([320, 180]) + shift_px - matrix[:, :2] @ [160, 120]
+def board_scene(shift_px: tuple[float, float]) -> np.ndarray:
+    """(360, 640) float32: a printed board before a dull wall, moved from the picture's centre."""
+    matrix = np.array([[1.0, 0.0, 160.0 + shift_px[0]], [0.0, 1.0, 60.0 + shift_px[1]]])
     grey = np.full((240, 320), 1.0, np.float32)
     mask = cv2.warpAffine(grey, matrix, SIZE, flags=cv2.INTER_LINEAR)
     board = cv2.warpAffine(20 + 0.65 * _BOARD.astype(np.float32), matrix, SIZE, flags=cv2.INTER_CUBIC)
@@ -44,19 +42,14 @@ def antenna_scene(tip_px: float) -> np.ndarray:
 
 
 def filmed(
-    scene: Callable[[float], np.ndarray],
-    times_s: np.ndarray,
-    seed: int = 0,
-    noise: float = 3.0,
-    flicker: float = 0.08,
-    jpeg: int | None = None,
+    scene: Callable[[float], np.ndarray], times_s: np.ndarray, noise: float = 3.0, jpeg: int | None = None
 ) -> Iterator[tuple[np.ndarray, float]]:
-    """Frames of `scene(time)`: lamps that flicker by `flicker` of their light, sensor noise in grey levels, JPEG."""
-    rng = np.random.default_rng(seed)
+    """Frames of `scene(time)`: lamps that flicker by 8 % of their light, sensor noise in grey levels, JPEG."""
+    rng = np.random.default_rng(0)
     for time_s in times_s:
         # 100 Hz, seen through a rolling shutter: bands that wander
         phase = 2 * np.pi * (100 * time_s + np.arange(SIZE[1]) / SIZE[1] * 1.3)
-        light = (1 + flicker * np.sin(phase))[:, None] * (1 + flicker * rng.uniform(-1, 1))
+        light = (1 + 0.08 * np.sin(phase))[:, None] * (1 + 0.08 * rng.uniform(-1, 1))
         row, column = rng.integers(0, SIZE[1]), rng.integers(0, SIZE[0])
         grain = _NOISE[row : row + SIZE[1], column : column + SIZE[0]]
         picture = scene(float(time_s)) * light + noise * grain
