@@ -8,6 +8,7 @@ the figure of an example, `drawings.py` the drawings.
 
 from __future__ import annotations
 
+import argparse
 import os
 import pty
 import re
@@ -22,6 +23,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import yaml
+
+from viz.cli import view
+from viz.parts.assemble import all_parts
+from viz.render.stage import Stage
+from viz.render.window import _Controls
 
 IMAGES = Path(__file__).parent / "images"
 VISIBLE, HIDDEN = 10, 50
@@ -67,6 +73,21 @@ def of_the_demo(demo: Path) -> None:
     cv2.imwrite(str(IMAGES / "frames.png"), half[72:360])
 
 
+def of_the_window(demo: Path) -> None:
+    """The window of `vbaa view`, drawn without a screen, a contact picked."""
+    parser = argparse.ArgumentParser()
+    view.configure(parser)
+    words = (demo / "contacts.csv", "--rig", demo / "rig.json", "--session", demo / "session")
+    scene, _ = view._scene_of(parser.parse_args(list(map(str, words))))
+    stage = Stage(scene, all_parts(scene), size=(1250, 850))
+    controls = _Controls(stage, "force")
+    controls.add_to_window()
+    stage.look_at_all()
+    controls.pick(12)
+    stage.plotter.screenshot(str(IMAGES / "window.png"))
+    stage.plotter.close()
+
+
 def of_the_wizard(demo: Path, folder: Path) -> None:
     """The wizard's page in the lens step, some pictures of the demo's board taken."""
     source = folder / "pictures"
@@ -104,7 +125,7 @@ def of_the_wizard(demo: Path, folder: Path) -> None:
 
 
 def main() -> None:
-    """Pictures of the demo, then of the wizard."""
+    """Pictures of the demo, then of the window and the wizard."""
     if _BROWSER is None:
         raise SystemExit("no Chromium here: install chromium")
     with tempfile.TemporaryDirectory() as name:
@@ -113,6 +134,7 @@ def main() -> None:
         if len(sys.argv) <= 1:
             vbaa("demo", "--out", demo)
         of_the_demo(demo)
+        of_the_window(demo)
         of_the_wizard(demo, folder)
 
 

@@ -5,12 +5,8 @@ from __future__ import annotations
 import json
 import struct
 import sys
-import webbrowser
 from pathlib import Path
-from threading import Thread
 from typing import Any
-from urllib.error import HTTPError
-from urllib.request import urlopen
 
 import cv2
 import numpy as np
@@ -27,7 +23,7 @@ assemble = Lazy("viz.parts.assemble")
 gltf = Lazy("viz.render.gltf")
 sheet = Lazy("viz.render.screenshot")
 stages = Lazy("viz.render.stage")
-pages = Lazy("viz.render.page")
+window = Lazy("viz.render.window")
 
 
 @pytest.fixture
@@ -100,24 +96,26 @@ def test_gltf_is_sound_and_comes_back_without_opengl(
     assert read.n_cells == sum(actor.mapper.dataset.n_cells for actor in whole.actors)
 
 
-@pytest.mark.parametrize("opens", [True, False])
-def test_the_browser_fetches_the_page_and_nobody_else_does(opens: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    read: list[Any] = []
-
-    def fetch(address: str) -> None:
-        with pytest.raises(HTTPError):
-            urlopen(f"{address}x", timeout=10)
-        read.append(urlopen(address, timeout=10).read().decode())
-
-    def browse(address: str) -> bool:
-        threads.append(Thread(target=fetch, args=(address,)))
-        if opens:
-            threads[0].start()
-        return opens
-
-    threads: list[Thread] = []
-    monkeypatch.setattr(webbrowser, "open", browse)
-    assert pages.show_page("<p>±</p>", patience_s=10.0) is opens
-    if opens:
-        threads[0].join(10)
-    assert read == (["<p>±</p>"] if opens else [])
+@pytest.mark.parametrize("close", [False, True])
+def test_a_click_takes_the_contact_that_is_drawn_there(scene: Scene, no_opengl: None, close: bool) -> None:
+    """By rays of a pinhole camera, worked out here without VTK's matrices."""
+    stage = stages.Stage(scene, assemble.all_parts(scene), size=(700, 500))
+    controls, points = window._Controls(stage, "force"), scene.contacts.points_m
+    controls.close = not close
+    controls.look_closer()
+    camera = stage.plotter.camera
+    centre = np.array(camera.position)
+    ahead = np.subtract(camera.focal_point, centre) / camera.distance
+    right = np.cross(ahead, camera.up) / np.linalg.norm(np.cross(ahead, camera.up))
+    up = np.cross(right, ahead)
+    scale = 250 / np.tan(np.radians(camera.view_angle / 2))
+    offset = points - centre
+    pixels = [350, 250] + scale * np.column_stack([offset @ right, offset @ up]) / (offset @ ahead)[:, None]
+    for index, (x, y) in enumerate(pixels):
+        ray = ahead + (x - 350) / scale * right + (y - 250) / scale * up
+        along = offset @ ray / np.linalg.norm(ray)
+        inside = scene.ball_m**2 - (offset**2).sum(axis=1) + along**2
+        front = np.where(inside >= 0, along - np.sqrt(np.maximum(inside, 0)), np.inf).argmin()
+        assert controls.contact_at(x, y) == front
+        assert close or controls.contact_at(x + 40, y + 400) is None, index
+    stage.plotter.close()

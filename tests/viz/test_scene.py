@@ -104,7 +104,7 @@ ROOT = Path(__file__).parents[2]
 @pytest.fixture(scope="module")
 def written(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("page") / "scene.html"
-    path.write_text(pages.scene_page(scene, "A & B <touch>"), encoding="utf-8")
+    pages.write_page(scene, path, title="A & B <touch>")
     return path
 
 

@@ -1,4 +1,4 @@
-"""`vbaa view`: the scene in the browser, as a PNG, a page that opens offline, or glTF."""
+"""`vbaa view`: the scene as a window, a PNG, a page that opens offline, or glTF."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from vbaa_calib.cli.options import add_antenna, usable_rig
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import read_json, write_text
+from vbaa_calib.core.files import read_json
 from viz.files.outputs import refuse_output
 
 if TYPE_CHECKING:
@@ -29,9 +29,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     pictures = parser.add_mutually_exclusive_group()
     pictures.add_argument("--session", type=Path, help="the recording's session: its pictures are drawn at the camera")
     pictures.add_argument("--picture", type=Path, help="one picture of the camera, for all times")
-    colour = "what the contacts are coloured by (default: force); the page can change it"
+    colour = "what the contacts are coloured by (default: force); page and window can change it"
     parser.add_argument("--color", choices=("force", "time", "uncertainty"), default="force", help=colour)
-    parser.add_argument("--screenshot", type=Path, metavar="PNG", help="write a picture instead of opening the page")
+    parser.add_argument("--screenshot", type=Path, metavar="PNG", help="write a picture instead of opening a window")
     parser.add_argument("--turntable", type=Path, metavar="FILM", help="write a .gif or .mp4 that turns once around")
     parser.add_argument("--html", type=Path, metavar="PAGE", help="write a page with a time slider that opens offline")
     parser.add_argument("--gltf", type=Path, metavar="FILE", help="write a .glb or .gltf for other 3-D programs")
@@ -65,8 +65,7 @@ def _in_rerun(args: argparse.Namespace) -> dict[str, Any]:
 def _run(args: argparse.Namespace) -> dict[str, Any]:
     """Draw the scene. Returns the scene's contents and the files written.
 
-    Raises InputError for wrong input, a file in the way, or no browser for the page; VbaaError where pictures cannot be
-    drawn.
+    Raises InputError for wrong input, a file in the way, or no display for a window; VbaaError where none works.
     """
     if args.rerun is not None:
         return _in_rerun(args)
@@ -83,16 +82,20 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         refuse_output(path, suffixes[name], args.force, inputs)
     unseen = not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
     if not outputs and unseen and sys.platform.startswith("linux"):
-        raise _no_browser("there is no display to open a page on")
+        raise _no_display()
 
     # each kind of picture has libraries of its own, which are slow to load
+    if not outputs:
+        from viz.render.probe import require_opengl
+
+        require_opengl()
     scene, frames = _scene_of(args)
     look = {"mode": args.color, "force": args.force}
     # page and glTF need no OpenGL: they are written before the picture may fail
     if args.html is not None:
-        from viz.render.page import scene_page
+        from viz.render.page import write_page
 
-        write_text(args.html, scene_page(scene, args.title, args.color), args.force)
+        write_page(scene, args.html, title=args.title, **look)
     if args.gltf is not None:
         from viz.render.gltf import write_gltf
 
@@ -109,10 +112,10 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         opens = ", opens offline in any browser" if name == "html" else ""
         say(f"{path}: {path.stat().st_size / 1e6:.1f} MB{opens}")
     if not outputs:
-        from viz.render.page import scene_page, show_page
+        from viz.render.window import show
 
-        if not show_page(scene_page(scene, args.title, args.color)):
-            raise _no_browser("no browser opens the page")
+        if not show(scene, mode=args.color):
+            raise _no_display()
     return {
         "contacts": len(scene.contacts.points_m),
         "frames": frames,
@@ -122,8 +125,9 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _no_browser(what: str) -> Exception:
-    return InputError(what, remedy="give --screenshot PNG, --turntable FILM, --html PAGE or --gltf FILE")
+def _no_display() -> Exception:
+    remedy = "give --screenshot PNG, --turntable FILM, --html PAGE or --gltf FILE"
+    return InputError("there is no display to open a window on", remedy=remedy)
 
 
 def _scene_of(args: argparse.Namespace) -> tuple[Scene, int]:

@@ -5,12 +5,9 @@ from __future__ import annotations
 import base64
 import io
 import json
-import secrets
-import time
-import webbrowser
 import zipfile
 from html import escape
-from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -25,6 +22,7 @@ from trame_vtk.modules.vtk.serializers import (
 )
 from trame_vtk.tools.vtksz2html import write_html
 
+from vbaa_calib.core.files import write_text
 from viz.pages.page import render
 from viz.parts.assemble import ScenePart, all_parts, layers_of
 from viz.scene.readable import MODES, contact_scale, object_scale
@@ -39,39 +37,12 @@ _ICON = "https://kitware.github.io/vtk-js/icon/favicon-${t}x${t}.png"
 """What the viewer would ask for from elsewhere."""
 
 
-def show_page(html: str, patience_s: float = 30.0) -> bool:
-    """Open a page in the default browser. Returns whether it was fetched: once, from this machine, from an address that
-    nobody else knows."""
-    address, fetched = f"/{secrets.token_urlsafe(16)}", list[str]()
-
-    class OnePage(BaseHTTPRequestHandler):
-        timeout = 5.0
-
-        def do_GET(self) -> None:
-            known = secrets.compare_digest(self.path.encode(), address.encode())
-            self.send_response(200 if known else 404)
-            self.send_header("Content-Type", "text/html; charset=utf-8")
-            self.end_headers()
-            if known:
-                self.wfile.write(html.encode())
-                fetched.append(self.path)
-
-        def log_message(self, format: str, *args: object) -> None:
-            """Nothing: requests are not for the terminal."""
-
-    with HTTPServer(("127.0.0.1", 0), OnePage) as server:
-        server.timeout, end_s = 0.5, time.monotonic() + patience_s
-        opens = webbrowser.open(f"http://127.0.0.1:{server.server_port}{address}")
-        while opens and not fetched and time.monotonic() < end_s:
-            server.handle_request()
-    return bool(fetched)
-
-
 @quiet()
-def scene_page(scene: Scene, title: str, mode: str = "force") -> str:
-    """HTML page with the interactive scene, a time slider and a legend.
+def write_page(scene: Scene, path: Path, *, title: str, mode: str = "force", force: bool = False) -> None:
+    """Write an HTML page with the interactive scene, a time slider and a legend.
 
-    It works offline, in any browser with WebGL; OpenGL is not needed to make it.
+    It opens offline, in any browser with WebGL; OpenGL is not needed to write it. Raises InputError when the file
+    exists and `force` is off.
     """
     stage = Stage(scene, all_parts(scene), mode)
     camera, views = stage.plotter.camera, []
@@ -126,7 +97,7 @@ def scene_page(scene: Scene, title: str, mode: str = "force") -> str:
     policy = f'<meta http-equiv="Content-Security-Policy" content="{alone}">'
     start, end = html.index("<title>"), html.index("</title>")
     head, body, rest = (html[:start] + policy + f"<title>{escape(title)}" + html[end:]).partition("<body>")
-    return f"{head}<style>{render('scene.css')}</style>{body}{cards}{rest}"
+    write_text(path, f"{head}<style>{render('scene.css')}</style>{body}{cards}{rest}", force)
 
 
 def _base64(data: bytes) -> str:

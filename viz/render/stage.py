@@ -16,31 +16,32 @@ from viz.scene.scene import Scene
 
 
 class Stage:
-    """A scene in a plotter of its own, at the greatest force with the contacts of all instants; `actors` are in the
-    order of `parts`. mode : what contacts are coloured by, one of `readable.MODES`."""
+    """A scene in a plotter of its own; `actors` are in the order of `parts`."""
 
     def __init__(
-        self, scene: Scene, parts: list[ScenePart], mode: str = "force", size: tuple[int, int] = (1200, 800)
+        self,
+        scene: Scene,
+        parts: list[ScenePart],
+        mode: str = "force",
+        size: tuple[int, int] = (1200, 800),
+        *,
+        off_screen: bool = True,
     ) -> None:
-        self.plotter = pv.Plotter(off_screen=True, window_size=list(size), title="vbaa")
+        self.plotter = pv.Plotter(off_screen=off_screen, window_size=list(size), title="vbaa")
         self.plotter.set_background("#ffffff")
-        self.scene, self.parts, rgb = scene, parts, contact_scale(scene, mode).rgb
-        # parts are shared between stages: what differs is copied
+        self.scene, self.parts = scene, parts
+        # parts are shared between stages: what changes with time and colours is copied
         self._meshes = [part.mesh.copy(deep=False) for part in parts]
-        for part, mesh in zip(parts, self._meshes, strict=True):
-            if part.contact is not None:
-                mesh.point_data["colour"] = np.repeat(rgb[part.contact], mesh.n_points // len(part.contact), axis=0)
+        self._faces = [part.mesh.regular_faces for part in parts]
+        self.paint(mode)
         self.actors = [self._add(part, mesh) for part, mesh in zip(parts, self._meshes, strict=True)]
+        self.show(scene.instants.main)
 
     def _add(self, part: ScenePart, mesh: pv.PolyData) -> pv.Actor:
-        instant, visible = self.scene.instants.main, True
         colour = {"scalars": "colour", "rgb": True} if part.painted else {"color": part.colour}
         if part.textured:
-            picture = self.scene.pictures[instant]
-            visible = picture is not None
-            first_one = next(one for one in (picture, *self.scene.pictures) if one is not None)
             # any other colour would tint the picture
-            colour = {"color": "white", "texture": _texture(first_one)}
+            colour = {"color": "white", "texture": _texture(next(p for p in self.scene.pictures if p is not None))}
         actor = self.plotter.add_mesh(
             mesh, opacity=part.opacity, lighting=part.lit, copy_mesh=False, reset_camera=False, render=False, **colour
         )
@@ -50,21 +51,37 @@ class Stage:
         actor.prop.ambient, actor.prop.diffuse = 0.25, 0.8
         if part.name in ("antenna", "contacts", "forces"):
             actor.prop.specular, actor.prop.specular_power = 0.35, 25
-        if part.span is not None and not part.history:
-            first, last = part.span[instant]
-            mesh.regular_faces = mesh.regular_faces[first:last]
-            visible = bool(last > first)
-        if part.poses is not None:
-            visible = visible and bool(np.isfinite(part.poses[instant]).all())
-            if visible:
-                actor.user_matrix = part.poses[instant]
-        actor.visibility = visible
         return actor
+
+    def paint(self, mode: str) -> None:
+        """Colour the contacts by one of `readable.MODES`."""
+        rgb = contact_scale(self.scene, mode).rgb
+        for part, mesh in zip(self.parts, self._meshes, strict=True):
+            if part.contact is not None:
+                mesh.point_data["colour"] = np.repeat(rgb[part.contact], mesh.n_points // len(part.contact), axis=0)
+
+    def show(self, instant: int, *, everything: bool = True) -> None:
+        """Show one instant; with `everything`, the contacts of all instants."""
+        for part, actor, mesh, faces in zip(self.parts, self.actors, self._meshes, self._faces, strict=True):
+            if part.span is not None:
+                first, last = (0, len(faces)) if part.history and everything else part.span[instant]
+                mesh.regular_faces = faces[first:last]
+                actor.visibility = bool(last > first)
+            if part.poses is not None:
+                known = bool(np.isfinite(part.poses[instant]).all())
+                actor.visibility = known
+                if known:
+                    actor.user_matrix = part.poses[instant]
+            if part.textured:
+                picture = self.scene.pictures[instant]
+                actor.visibility = actor.visibility and picture is not None
+                if picture is not None:
+                    actor.texture = _texture(picture)
 
     def unfold(self) -> None:
         """Put all instants' triangles into every mesh, for a viewer that selects among them itself."""
-        for actor, mesh, part in zip(self.actors, self._meshes, self.parts, strict=True):
-            mesh.regular_faces = part.mesh.regular_faces
+        for actor, mesh, faces in zip(self.actors, self._meshes, self._faces, strict=True):
+            mesh.regular_faces = faces
             actor.visibility = True
 
     def look_at_all(self) -> None:
