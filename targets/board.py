@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, field
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 import yaml
-
-from .within import Within
+from pydantic import ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic.dataclasses import dataclass
 
 if TYPE_CHECKING:
     import cv2  # slow to load
@@ -25,11 +26,11 @@ DICTIONARIES = {f"DICT_{bits}X{bits}_{size}": size for bits in (4, 5, 6, 7) for 
 }
 """OpenCV's dictionaries, and how many markers each has."""
 
-_Squares = Annotated[int, Within(ge=2, le=200)]
-_ChessCount = Annotated[int, Within(ge=4, le=200)]
-_GridCount = Annotated[int, Within(ge=3, le=50)]
-_Side = Annotated[float, Within(gt=0, lt=10)]
-_Id = Annotated[int, Within(ge=0, le=9999)]
+_Squares = Annotated[int, Field(strict=True, ge=2, le=200)]
+_ChessCount = Annotated[int, Field(strict=True, ge=4, le=200)]
+_GridCount = Annotated[int, Field(strict=True, ge=3, le=50)]
+_Side = Annotated[float, Field(strict=True, gt=0, lt=10)]
+_Id = Annotated[int, Field(strict=True, ge=0, le=9999)]
 
 
 class _OfSquares:
@@ -64,7 +65,7 @@ class _OfSquares:
         return (self.squares_x - 1) * (self.squares_y - 1)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class BoardSpec(_OfSquares):
     """A ChArUco board. Board frame = OpenCV's: origin at the outline's first corner, z away from the viewer.
 
@@ -79,7 +80,7 @@ class BoardSpec(_OfSquares):
         measured; `square_m` is then the mean of a square's sides.
     first_id, ids : the markers' ids, row by row: from `first_id` on, or as they are listed.
 
-    Raises ValueError for an impossible board.
+    Raises pydantic's ValidationError, a ValueError, for an impossible board.
     """
 
     squares_x: _Squares
@@ -87,16 +88,27 @@ class BoardSpec(_OfSquares):
     square_m: _Side
     marker_m: _Side
     dictionary: str = "DICT_4X4_100"
-    legacy_pattern: bool = False
-    thickness_m: Annotated[float, Within(ge=0, lt=10)] = 0.0
-    stretch: Annotated[float, Within(gt=-0.3, lt=0.3)] = 0.0
-    stretch_std: Annotated[float, Within(gt=0, lt=0.1)] | None = None
+    legacy_pattern: Annotated[bool, Field(strict=True)] = False
+    thickness_m: Annotated[float, Field(strict=True, ge=0, lt=10)] = 0.0
+    stretch: Annotated[float, Field(strict=True, gt=-0.3, lt=0.3)] = 0.0
+    stretch_std: Annotated[float, Field(strict=True, gt=0, lt=0.1)] | None = None
     first_id: _Id = 0
     ids: tuple[_Id, ...] | None = None
     type: Literal["charuco"] = field(default="charuco", kw_only=True, repr=False)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _has_ids(cls, data: Any) -> Any:
+        kind = data.get("type") if isinstance(data, Mapping) else None
+        if isinstance(kind, str) and kind != "charuco":
+            what, remedy = f"is {kind!r}", "charuco or aprilgrid is needed here"
+            if kind in BOARDS:
+                what += ": its marks have no ids, so the board's pose is ambiguous"
+                remedy = "take a ChArUco board or an AprilGrid; `vbaa intrinsics` takes that one for the lens alone"
+            raise ValueError(what, remedy, "type")
+        return data
+
     def __post_init__(self) -> None:
-        Within.require(self)
         _require_std(self.stretch, self.stretch_std)
         if not self.marker_m < self.square_m:
             exchanged = f" (exchanged? square_m: {self.marker_m!r}, marker_m: {self.square_m!r} would do)"
@@ -143,7 +155,7 @@ class BoardSpec(_OfSquares):
         return described if listed is None else described | {"ids": list(listed)}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class Chessboard(_OfSquares):
     """A chessboard without markers, for the lens. Board frame as of a ChArUco board; the square at its origin is black.
 
@@ -154,9 +166,6 @@ class Chessboard(_OfSquares):
     squares_x: _ChessCount
     squares_y: _ChessCount
     square_m: _Side
-
-    def __post_init__(self) -> None:
-        Within.require(self)
 
     @property
     def has_one_reading(self) -> bool:
@@ -173,7 +182,7 @@ class Chessboard(_OfSquares):
         return asdict(self)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class CircleGrid:
     """Dark circles on white, or white ones on dark, for the lens: OpenCV's symmetric or asymmetric grid.
 
@@ -189,9 +198,6 @@ class CircleGrid:
     columns: _GridCount
     rows: _GridCount
     spacing_m: _Side
-
-    def __post_init__(self) -> None:
-        Within.require(self)
 
     @property
     def has_one_reading(self) -> bool:
@@ -220,7 +226,7 @@ class CircleGrid:
         return asdict(self)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class AprilGrid:
     """Kalibr's AprilGrid: tags in columns and rows, with black squares at their corners.
 
@@ -233,19 +239,18 @@ class AprilGrid:
     """
 
     type: Literal["aprilgrid"]
-    columns: Annotated[int, Within(ge=1, le=50)]
-    rows: Annotated[int, Within(ge=1, le=50)]
+    columns: Annotated[int, Field(strict=True, ge=1, le=50)]
+    rows: Annotated[int, Field(strict=True, ge=1, le=50)]
     tag_m: _Side
-    spacing: Annotated[float, Within(ge=0.05, le=1)]
+    spacing: Annotated[float, Field(strict=True, ge=0.05, le=1)]
     dictionary: str = "DICT_APRILTAG_36h11"
-    border: Annotated[int, Within(ge=1, le=2)] = 2
+    border: Annotated[int, Field(strict=True, ge=1, le=2)] = 2
     first_id: _Id = 0
-    thickness_m: Annotated[float, Within(ge=0, lt=10)] = 0.0
-    stretch: Annotated[float, Within(gt=-0.3, lt=0.3)] = 0.0
-    stretch_std: Annotated[float, Within(gt=0, lt=0.1)] | None = None
+    thickness_m: Annotated[float, Field(strict=True, ge=0, lt=10)] = 0.0
+    stretch: Annotated[float, Field(strict=True, gt=-0.3, lt=0.3)] = 0.0
+    stretch_std: Annotated[float, Field(strict=True, gt=0, lt=0.1)] | None = None
 
     def __post_init__(self) -> None:
-        Within.require(self)
         _require_std(self.stretch, self.stretch_std)
         _require_markers(self.dictionary, self.marker_ids, f"{self.columns}x{self.rows} tags")
 
@@ -328,9 +333,17 @@ class AprilGrid:
         return drawn
 
 
+def _tag(board: Any) -> str:
+    kind = board.get("type") if isinstance(board, Mapping) else getattr(board, "type", None)
+    return "<AprilGrid>" if kind == "aprilgrid" else "<BoardSpec>"
+
+
 BoardWithIds = BoardSpec | AprilGrid
-"""What shows which corner is which wherever a part of it is seen: the boards of sessions. A file describes it by its
-type; a ChArUco board where none is named."""
+"""What shows which corner is which wherever a part of it is seen: the boards of sessions."""
+FileBoard = Annotated[
+    Annotated[BoardSpec, Tag("<BoardSpec>")] | Annotated[AprilGrid, Tag("<AprilGrid>")], Discriminator(_tag)
+]
+"""The same as a file describes it, by its type; a ChArUco board where none is named."""
 Board = BoardWithIds | Chessboard | CircleGrid
 """What the lens can be calibrated with."""
 BOARDS: dict[str, type[Board]] = {
@@ -343,22 +356,7 @@ BOARDS: dict[str, type[Board]] = {
 """The kinds of boards, by `type`."""
 
 
-def _has_ids(board: Any) -> Any:
-    kind = board.get("type") if isinstance(board, Mapping) else None
-    if isinstance(kind, str) and kind not in ("charuco", "aprilgrid"):
-        what, remedy = f"is {kind!r}", "charuco or aprilgrid is needed here"
-        if kind in BOARDS:
-            what += ": its marks have no ids, so the board's pose is ambiguous"
-            remedy = "take a ChArUco board or an AprilGrid; `vbaa intrinsics` takes that one for the lens alone"
-        raise ValueError(what, remedy, "type")
-    return board
-
-
-FileBoard = Annotated[BoardWithIds, Within(before=_has_ids)]
-"""The description of a board with ids in a file."""
-
-
-@dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False)
 class BoardPoints:
     """A board known only by its points (K, 3) m in its frame, with z = 0 except for its deformation."""
 

@@ -79,12 +79,16 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         f"has no meaning for a {kind} file",
     )
     refuse_overwrite(args.output, args.force, [args.spec])
+    from pydantic import TypeAdapter
+
+    from targets.board import AprilGrid, BoardSpec
     from vbaa_calib.core.models import refusal
 
     try:
         return _for_screens(args) if kind == ".png" else _for_paper(args, kind)
     except ValueError as error:
-        raise refusal(error, args.spec or "vbaa board") from None
+        schema = TypeAdapter(AprilGrid if args.type == "aprilgrid" else BoardSpec).json_schema
+        raise refusal(error, args.spec or "vbaa board", schema=schema) from None
 
 
 def _refuse_flags(args: argparse.Namespace, names: tuple[str, ...], why: str) -> None:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import wraps
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias, TypeVar, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias, TypeVar, cast
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -212,6 +212,25 @@ def real_gravity(gravity: np.ndarray) -> np.ndarray:
     if size and not 1.5 <= size <= 30.0:  # the Moon's, and more than Jupiter's
         raise ValueError(f"has the size {size:.3g}", "give m/s²: on Earth the three numbers have the size 9.8, not 1")
     return gravity
+
+
+class Within:
+    """Annotation of a field of a file: its bounds and description, as pydantic's `Field` takes them, and what else its
+    numbers must be. Numbers are finite, and no number is a boolean or a text; an array is a list of them, each within
+    the bounds. pydantic loads with the first file."""
+
+    def __init__(self, check: Callable[[Any], Any] | None = None, **bounds: Any) -> None:
+        self._check, self._bounds = check, bounds
+
+    def __get_pydantic_core_schema__(self, kind: Any, handler: Any) -> Any:
+        from pydantic import AfterValidator, AllowInfNan, Field, Strict
+
+        plain = ([Strict()] if kind in (float, int, bool) else []) + ([AllowInfNan(False)] if kind is float else [])
+        last = [] if self._check is None else [AfterValidator(self._check)]
+        if kind is np.ndarray:
+            number = Annotated[float, Strict(), AllowInfNan(False), Field(**self._bounds)]
+            return handler.generate_schema(Annotated[list[number], AfterValidator(np.array), *last])
+        return handler.generate_schema(Annotated[(kind, *plain, Field(**self._bounds), *last)])
 
 
 def neighbours(values: np.ndarray, count: int, ends: Literal["edge", "symmetric"]) -> np.ndarray:

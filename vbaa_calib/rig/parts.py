@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from targets.within import Within
 from vbaa_calib.antenna.shape import PARAMETERS as ANTENNA_PARAMETERS
 from vbaa_calib.antenna.taper import Profile, Taper, profiles_to_dict
-from vbaa_calib.core.arrays import as_float, fixed
+from vbaa_calib.core.arrays import Within, as_float, fixed
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Kinematics, Pose
 

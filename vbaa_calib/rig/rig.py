@@ -539,7 +539,7 @@ class Rig:
     @validate_arguments
     def from_dict(data: Mapping[str, Any], where: object = "rig") -> Rig:
         """The rig from the mapping that `to_dict` makes. Raises InputError naming the key that is wrong."""
-        from vbaa_calib.core.models import checked  # a rig in memory does without YAML and a file's types
+        from vbaa_calib.core.models import checked  # loads pydantic, which a rig in memory does without
 
         from .rig_file import RigFile
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import ConfigDict, Field
 
-from targets.within import Within
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError, Verdict
-from vbaa_calib.core.models import FileModel, array_of, checked
+from vbaa_calib.core.models import FileModel, Number, WholeNumber, array_of, checked
 from vbaa_calib.session import DRIFTS, FileDrift, MomentSensor, MovingClamp
 from vbaa_calib.session.settings import (
     AnyLength,
@@ -27,23 +27,23 @@ from vbaa_calib.session.settings import (
 from .parts import SCHEMA, Antenna, AntennaImage, Tip
 from .wrench_sensor import WrenchSensor
 
-_Side = Annotated[int, Within(ge=1, le=100_000)]
-_Focal = Annotated[float, Within(ge=1, le=1e7)]
-_Centre = Annotated[float, Within(ge=-1e6, le=1e6)]
-_Covariance = list[list[Annotated[float, Within(ge=-1e12, le=1e12)]]]
+_Side = Annotated[WholeNumber, Field(ge=1, le=100_000)]
+_Focal = Annotated[Number, Field(ge=1, le=1e7)]
+_Centre = Annotated[Number, Field(ge=-1e6, le=1e6)]
+_Covariance = list[list[Annotated[Number, Field(ge=-1e12, le=1e12)]]]
 
 
 @dataclass(frozen=True)
 class _RigCamera:
-    version: Annotated[Literal["vbaa.camera/1"], Within(alias="schema")]
+    version: Annotated[Literal["vbaa.camera/1"], Field(alias="schema")]
     model: Literal["opencv", "fisheye"]
     image_size: tuple[_Side, _Side]
     matrix: Annotated[
-        tuple[tuple[_Focal, float, _Centre], tuple[float, _Focal, _Centre], tuple[float, float, float]],
-        Within(description="px: [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"),
+        tuple[tuple[_Focal, Number, _Centre], tuple[Number, _Focal, _Centre], tuple[Number, Number, Number]],
+        Field(description="px: [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"),
     ]
-    distortion: Annotated[list[Annotated[float, Within(ge=-1e9, le=1e9)]], Within(max_length=14)]
-    covariance: Annotated[_Covariance | None, Within(description="of the parameters, in their order")] = None
+    distortion: Annotated[list[Annotated[Number, Field(ge=-1e9, le=1e9)]], Field(max_length=14)]
+    covariance: Annotated[_Covariance | None, Field(description="of the parameters, in their order")] = None
     parameters: list[str] | None = None
 
 
@@ -64,7 +64,7 @@ class _Noload:
     clamp_rotation_yz_rad: Annotated[np.ndarray, array_of(2, ge=-1.5, le=1.5)]
     bow_yz_per_m: Annotated[np.ndarray, array_of(2, ge=-1000, le=1000)]
     clamp_give_m: Annotated[
-        float, Within(ge=-1, le=1, description="length of antenna that would bend as much as the clamp gives way")
+        Number, Field(ge=-1, le=1, description="length of antenna that would bend as much as the clamp gives way")
     ] = 0.0
 
 
@@ -72,16 +72,16 @@ class _Noload:
 class _RigAntenna:
     length_m: AnyLength
     diameter_m: Diameter
-    stiffness_Nm2: Annotated[float, Within(ge=1e-12, le=1e4, description="EI")]
+    stiffness_Nm2: Annotated[Number, Field(ge=1e-12, le=1e4, description="EI")]
     stiffness_std_Nm2: Deviation
-    mass_per_length_kg_m: Annotated[float, Within(ge=1e-9, le=100)]
+    mass_per_length_kg_m: Annotated[Number, Field(ge=1e-9, le=100)]
     noload: _Noload
-    mass_per_length_std_kg_m: float | None = None
-    profile: Annotated[FileProfile | None, Within(description="diameters along it, m; null: uniform")] = None
+    mass_per_length_std_kg_m: Number | None = None
+    profile: Annotated[FileProfile | None, Field(description="diameters along it, m; null: uniform")] = None
     stiffness_profile: FileStiffnessProfile = None
     tip: Tip | None = None
     parameters_std: Annotated[
-        np.ndarray, array_of(9, ge=0, le=1e3), Within(description="of one of several, in the order of joint.parameters")
+        np.ndarray, array_of(9, ge=0, le=1e3), Field(description="of one of several, in the order of joint.parameters")
     ] = field(default_factory=lambda: np.zeros(9))
 
     def antenna(self) -> Antenna:
@@ -108,12 +108,12 @@ class _AxesUncertainty:
     """Uncertainty of axis_skew_rad, axis_offset_m and tilt_zero_rad."""
 
     std: Annotated[
-        np.ndarray, array_of(3, ge=0, le=1), Within(description="standard deviations for a camera pose that is exact")
+        np.ndarray, array_of(3, ge=0, le=1), Field(description="standard deviations for a camera pose that is exact")
     ] = field(default_factory=lambda: np.zeros(3))
     by_pose: Annotated[
         np.ndarray,
         array_of(3, 6, ge=-1000, le=1000),
-        Within(description="how much the three are off for a camera pose that is off by a unit of its tangent"),
+        Field(description="how much the three are off for a camera pose that is off by a unit of its tangent"),
     ] = field(default_factory=lambda: np.zeros((3, 6)))
     axes: list[Literal["axis_skew_rad", "axis_offset_m", "tilt_zero_rad"]] | None = None
 
@@ -131,42 +131,38 @@ class Joint:
     covariance: _Covariance
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
 class RigFile(FileModel):
     """rig.json: a calibrated rig."""
 
+    model_config = ConfigDict(extra="ignore")
     VERSION = SCHEMA
-    FURTHER_INSIDE = True
-    version: Annotated[Literal["vbaa.rig/1"], Within(alias="schema")]
+    version: Literal["vbaa.rig/1"] = Field(alias="schema")
     camera: _RigCamera
     T_antenna_camera: FilePose
     antenna: _RigAntenna
-    moment_sensor: Annotated[_RigSensor | None, Within(description="about y; null: a rig without")]
+    moment_sensor: Annotated[_RigSensor | None, Field(description="about y; null: a rig without")]
     second_moment_sensor: Annotated[
-        MomentSensor | None,
-        Within(description="of older files: about z, as a wrench_sensor of mz that counts as exact"),
+        MomentSensor | None, Field(description="of older files: about z, as a wrench_sensor of mz that counts as exact")
     ] = None
     wrench_sensor: WrenchSensor | None = None
     kinematics: _RigKinematics
     gravity_world: Gravity
     image: AntennaImage
     joint: Joint
-    drift: Annotated[FileDrift, Within(description="what may change between calibration and recording")] = DRIFTS["lab"]
+    drift: Annotated[FileDrift, Field(description="what may change between calibration and recording")] = DRIFTS["lab"]
     clamp: Annotated[
         MovingClamp | None,
-        Within(description="of antennas whose clamp moves and turns: what no picture shows; null: one that does not"),
+        Field(description="of antennas whose clamp moves and turns: what no picture shows; null: one that does not"),
     ] = None
     antennas: Annotated[
-        dict[str, _RigAntenna], Within(description="by name, where several in the same picture differ")
-    ] = field(default_factory=dict)
-    camera_name: Annotated[CameraName, Within(description="of camera, among cameras")] = "camera"
+        dict[str, _RigAntenna], Field(description="by name, where several in the same picture differ")
+    ] = Field(default_factory=dict)
+    camera_name: Annotated[CameraName, Field(description="of camera, among cameras")] = "camera"
     cameras: Annotated[
         dict[CameraName, dict[str, Any]],
-        Within(description="further ones by name: camera, T_antenna_camera, image, joint, and what else differs here"),
-    ] = field(default_factory=dict)
-    verdict: Annotated[Verdict, Within(description="of the calibration: as bad as its worst finding")] = field(
-        default_factory=Verdict
-    )
+        Field(description="further ones by name: camera, T_antenna_camera, image, joint, and what else differs here"),
+    ] = Field(default_factory=dict)
+    verdict: Verdict = Field(default_factory=Verdict, description="of the calibration: as bad as its worst finding")
     inputs_sha256: dict[str, str] | None = None
     versions: dict[str, Any] | None = None
     command: list[str] | None = None

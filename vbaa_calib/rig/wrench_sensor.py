@@ -7,11 +7,11 @@ from functools import cached_property
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field
 
-from targets.within import Within
 from vbaa_calib.core.arrays import as_floats, fixed
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.models import read_as
+from vbaa_calib.core.models import Number, read_as
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session import READINGS, MomentSensor
 from vbaa_calib.session.settings import FilePose
@@ -19,7 +19,7 @@ from vbaa_calib.session.settings import FilePose
 _PerChannel = Annotated[
     np.ndarray,
     read_as(
-        Annotated[list[Annotated[float, Within(ge=-1e9, le=1e9)]], Within(min_length=1, max_length=5)],
+        Annotated[list[Annotated[Number, Field(ge=-1e9, le=1e9)]], Field(min_length=1, max_length=5)],
         lambda values: np.array(values, float),
     ),
 ]
@@ -53,7 +53,7 @@ class WrenchSensor:
 
     components: Annotated[
         tuple[str, ...],
-        read_as(Annotated[list[Literal["mz", "mx", "fx", "fy", "fz"]], Within(min_length=1, max_length=5)], tuple),
+        read_as(Annotated[list[Literal["mz", "mx", "fx", "fy", "fz"]], Field(min_length=1, max_length=5)], tuple),
     ]
     gain: _PerChannel
     offset: _PerChannel
@@ -61,8 +61,8 @@ class WrenchSensor:
     T_antenna_sensor: FilePose
     covariance: Annotated[
         np.ndarray,
-        read_as(list[list[Annotated[float, Within(ge=-1e12, le=1e12)]]], _rows),
-        Within(description="of turn, gains and offsets with joint.parameters, and then with themselves"),
+        read_as(list[list[Annotated[Number, Field(ge=-1e12, le=1e12)]]], _rows),
+        Field(description="of turn, gains and offsets with joint.parameters, and then with themselves"),
     ]
 
     def __post_init__(self) -> None:

@@ -8,7 +8,7 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Annotated
 
-from targets.within import Within
+from vbaa_calib.core.arrays import Within
 
 
 @dataclass(frozen=True)

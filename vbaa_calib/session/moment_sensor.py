@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from targets.within import Within
-from vbaa_calib.core.arrays import as_float
+from vbaa_calib.core.arrays import Within, as_float
 from vbaa_calib.core.errors import InputError
 
 READINGS = {

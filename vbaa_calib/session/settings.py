@@ -10,15 +10,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, GetPydanticSchema
+from pydantic.json_schema import JsonSchemaValue
 
 from targets.board import BoardWithIds, FileBoard
-from targets.within import Within
 from vbaa_calib.antenna.materials import MATERIALS, Material, round_wire
 from vbaa_calib.antenna.taper import Taper
 from vbaa_calib.core.arrays import real_gravity, validate_arguments
 from vbaa_calib.core.errors import Diagnosis, InputError, about
 from vbaa_calib.core.files import read_yaml
-from vbaa_calib.core.models import FileModel, array_of, checked, read_as
+from vbaa_calib.core.models import FileModel, Number, array_of, checked, read_as
 from vbaa_calib.detect.board.board_file import with_ids
 from vbaa_calib.geometry import Kinematics, Pose
 
@@ -31,14 +32,13 @@ if TYPE_CHECKING:
 SCHEMA = "vbaa.session/1"
 STANDARD_GRAVITY_M_S2 = 9.80665
 
-Deviation = Annotated[float, Within(ge=0)]
-AnyLength = Annotated[float, Within(ge=1e-3, le=10)]
-Diameter = Annotated[float, Within(ge=1e-6, le=0.1)]
-FileProfile = tuple[tuple[Annotated[float, Within(ge=0, le=10)], Annotated[float, Within(ge=0, le=1e6)]], ...]
+Deviation = Annotated[Number, Field(ge=0)]
+AnyLength = Annotated[Number, Field(ge=1e-3, le=10)]
+Diameter = Annotated[Number, Field(ge=1e-6, le=0.1)]
+FileProfile = tuple[tuple[Annotated[Number, Field(ge=0, le=10)], Annotated[Number, Field(ge=0, le=1e6)]], ...]
 """Rows of arc length from the clamp, m, and a value there, as our files write them."""
 FileStiffnessProfile = Annotated[
-    FileProfile | None,
-    Within(description="EI along it, relative, where it does not follow the diameter's fourth power"),
+    FileProfile | None, Field(description="EI along it, relative, where it does not follow the diameter's fourth power")
 ]
 
 
@@ -46,12 +46,10 @@ FileStiffnessProfile = Annotated[
 class NominalTip:
     """Uncertainty of the visible end's position at `length_m`, which determines the camera's distance."""
 
-    length_std_m: Annotated[float, Within(ge=0, le=0.1, description="standard deviation of length_m")] = 3e-4
+    length_std_m: Annotated[Number, Field(ge=0, le=0.1, description="standard deviation of length_m")] = 3e-4
     shape_std_m: Annotated[
-        Annotated[float, Within(ge=0, le=0.1)] | None,
-        Within(
-            description="what cutting and rounding leave open of where the end shows; null: a seventh of diameter_m"
-        ),
+        Annotated[Number, Field(ge=0, le=0.1)] | None,
+        Field(description="what cutting and rounding leave open of where the end shows; null: a seventh of diameter_m"),
     ] = None
 
 
@@ -85,22 +83,24 @@ class NominalAntenna:
     material : a name of `materials.MATERIALS`, or any other word; None: not known.
     """
 
+    __pydantic_config__ = ConfigDict(extra="forbid", json_schema_extra=_or_material)
+
     length_m: AnyLength
     diameter_m: Diameter
-    youngs_modulus_Pa: Annotated[float, Within(ge=1e5, le=2e12)]
-    density_kg_m3: Annotated[float, Within(ge=10, le=3e4)]
+    youngs_modulus_Pa: Annotated[Number, Field(ge=1e5, le=2e12)]
+    density_kg_m3: Annotated[Number, Field(ge=10, le=3e4)]
     tip: NominalTip | None = NominalTip()
     material: Annotated[
-        Annotated[str, Within(min_length=1, max_length=60)] | None,
-        Within(description="by it youngs_modulus_Pa and density_kg_m3 are known where they are missing"),
+        Annotated[str, Field(min_length=1, max_length=60)] | None,
+        Field(description="by it youngs_modulus_Pa and density_kg_m3 are known where they are missing"),
     ] = None
     profile: Annotated[
         FileProfile | None,
-        Within(description="diameters along it, m, linear between; two rows at one place are a step. null: uniform"),
+        Field(description="diameters along it, m, linear between; two rows at one place are a step. null: uniform"),
     ] = None
     stiffness_profile: FileStiffnessProfile = None
     diameter_std_m: Annotated[
-        float, Within(ge=0, le=0.01, description="how well the profile's diameters are known, each; 0: exactly")
+        Number, Field(ge=0, le=0.01, description="how well the profile's diameters are known, each; 0: exactly")
     ] = 5e-6
 
     def __post_init__(self) -> None:
@@ -154,10 +154,10 @@ class NominalAntenna:
         return round_wire(self.youngs_modulus_Pa, self.density_kg_m3, self.diameter_m)[1]
 
 
-Gravity = Annotated[np.ndarray, array_of(3), Within(real_gravity)]
+Gravity = Annotated[np.ndarray, array_of(3), AfterValidator(real_gravity)]
 """m/s², world frame; zero: weightless."""
-_JointReading = Annotated[float, Within(ge=-6.3, le=6.3)]
-_Pixel = Annotated[float, Within(ge=-1e5, le=1e5)]
+_JointReading = Annotated[Number, Field(ge=-6.3, le=6.3)]
+_Pixel = Annotated[Number, Field(ge=-1e5, le=1e5)]
 
 
 @dataclass(frozen=True)
@@ -165,27 +165,27 @@ class OverBoard:
     """The free antenna over a board parallel to plane C, in the pictures of over/."""
 
     height_m: Annotated[
-        float, Within(ge=0, le=0.5, description="of the antenna's axis over the printed face, towards the viewer")
+        Number, Field(ge=0, le=0.5, description="of the antenna's axis over the printed face, towards the viewer")
     ] = 0.0
-    height_std_m: Annotated[float, Within(gt=0, le=0.1)] = 1e-4
+    height_std_m: Annotated[Number, Field(gt=0, le=0.1)] = 1e-4
     pan_rad: _JointReading = 0.0
     tilt_rad: _JointReading = 0.0
     clamp_px: Annotated[
         tuple[_Pixel, _Pixel] | None,
-        Within(
+        Field(
             description="where the clamp's edge shows in the pictures; needed where neither jig nor sweep shows which "
             "end is clamped"
         ),
     ] = None
-    clamp_std_px: Annotated[float, Within(gt=0, le=1e4, description="how well that is known along the antenna")] = 20.0
+    clamp_std_px: Annotated[Number, Field(gt=0, le=1e4, description="how well that is known along the antenna")] = 20.0
 
 
 @dataclass(frozen=True)
 class LoadReadings:
     """Standard deviations of a known load's distance along the antenna, and of its force, relative; 0: exact."""
 
-    distance_std_m: Annotated[float, Within(ge=0, le=0.05)] = 5e-4
-    force_std_relative: Annotated[float, Within(ge=0, le=0.5)] = 5e-3
+    distance_std_m: Annotated[Number, Field(ge=0, le=0.05)] = 5e-4
+    force_std_relative: Annotated[Number, Field(ge=0, le=0.5)] = 5e-3
 
 
 def _unit(rotation_xyzw: np.ndarray) -> np.ndarray:
@@ -199,7 +199,7 @@ def _unit(rotation_xyzw: np.ndarray) -> np.ndarray:
 class _PoseInFile:
     # of rigs, not of rooms: twelve millimetres written as 12 are refused
     translation_m: Annotated[np.ndarray, array_of(3, ge=-10, le=10)]
-    rotation_xyzw: Annotated[np.ndarray, array_of(4), Within(_unit)]
+    rotation_xyzw: Annotated[np.ndarray, array_of(4), AfterValidator(_unit)]
 
 
 def _pose(read: _PoseInFile) -> Pose:
@@ -217,13 +217,13 @@ class FileKinematics:
     T_actuator_antenna: FilePose = field(default_factory=Pose.identity)
     position_world_m: Annotated[np.ndarray, array_of(3, ge=-1e6, le=1e6)] = field(default_factory=lambda: np.zeros(3))
     axis_skew_rad: Annotated[
-        float, Within(ge=-0.5, le=0.5, description="lean of the tilt axis from the right angle with the pan axis")
+        Number, Field(ge=-0.5, le=0.5, description="lean of the tilt axis from the right angle with the pan axis")
     ] = 0.0
     axis_offset_m: Annotated[
-        float, Within(ge=-1, le=1, description="from the pan axis to the tilt axis along the panned x")
+        Number, Field(ge=-1, le=1, description="from the pan axis to the tilt axis along the panned x")
     ] = 0.0
     tilt_zero_rad: Annotated[
-        float, Within(ge=-3.2, le=3.2, description="the true tilt where the encoder reads zero")
+        Number, Field(ge=-3.2, le=3.2, description="the true tilt where the encoder reads zero")
     ] = 0.0
 
     def kinematics(self) -> Kinematics:
@@ -237,7 +237,7 @@ class _SessionKinematics(FileKinematics):
     # as large as a hall: nothing in the pictures contradicts a position in millimetres
     position_world_m: Annotated[np.ndarray, array_of(3, ge=-100, le=100)] = field(default_factory=lambda: np.zeros(3))
     tilt_zero_std_rad: Annotated[
-        float, Within(ge=0, le=3.2, description="how well the encoder's zero is known before calibration")
+        Number, Field(ge=0, le=3.2, description="how well the encoder's zero is known before calibration")
     ] = 0.01
 
 
@@ -245,16 +245,16 @@ class _SessionKinematics(FileKinematics):
 class _Jig:
     T_antenna_board: FilePose
     translation_std_m: Annotated[
-        float, Within(ge=0, le=0.1, description="how well the board's place in the jig is known, per axis; 0: exactly")
+        Number, Field(ge=0, le=0.1, description="how well the board's place in the jig is known, per axis; 0: exactly")
     ] = 0.0
     rotation_std_rad: Annotated[
-        float, Within(ge=0, le=0.5, description="how well the board's turn in the jig is known, per axis; 0: exactly")
+        Number, Field(ge=0, le=0.5, description="how well the board's turn in the jig is known, per axis; 0: exactly")
     ] = 0.0
 
 
 @dataclass(frozen=True)
 class _SensorNoise:
-    std_Nm: Annotated[float, Within(ge=1e-12, le=1e6)]
+    std_Nm: Annotated[Number, Field(ge=1e-12, le=1e6)]
 
 
 _Component = Literal["fx", "fy", "fz", "mx", "my", "mz", "-fx", "-fy", "-fz", "-mx", "-my", "-mz"]
@@ -266,20 +266,18 @@ class NominalWrenchSensor:
 
     components: Annotated[
         list[_Component],
-        Within(
+        Field(
             description="what it reads of force (fx, fy, fz) and moment (mx, my, mz) that act on the antenna, in its "
             "own right-handed axes; -my where a channel reads with the other sign"
         ),
     ]
-    std_N: Annotated[Annotated[float, Within(ge=1e-12, le=1e6)] | None, Within(description="noise of the forces")] = (
-        None
-    )
-    std_Nm: Annotated[Annotated[float, Within(ge=1e-12, le=1e6)] | None, Within(description="of the moments")] = None
+    std_N: Annotated[Annotated[Number, Field(ge=1e-12, le=1e6)] | None, Field(description="noise of the forces")] = None
+    std_Nm: Annotated[Annotated[Number, Field(ge=1e-12, le=1e6)] | None, Field(description="of the moments")] = None
     T_antenna_sensor: Annotated[
-        FilePose, Within(description="its origin and axes; the turn is solved for, the place counts as exact")
+        FilePose, Field(description="its origin and axes; the turn is solved for, the place counts as exact")
     ] = field(default_factory=Pose.identity)
     rotation_std_rad: Annotated[
-        float, Within(ge=0, le=0.5, description="how well its axes are known before the calibration, per axis")
+        Number, Field(ge=0, le=0.5, description="how well its axes are known before the calibration, per axis")
     ] = 0.035
 
     def __post_init__(self) -> None:
@@ -312,9 +310,9 @@ class NominalWrenchSensor:
 class Shutter:
     """Exposure and readout of the recording's camera."""
 
-    exposure_s: Annotated[float, Within(ge=0, le=10, description="how long it is exposed; 0: not known")] = 0.0
+    exposure_s: Annotated[Number, Field(ge=0, le=10, description="how long it is exposed; 0: not known")] = 0.0
     readout_s: Annotated[
-        float, Within(ge=0, le=10, description="from the first row to the last of a rolling shutter; 0: a global one")
+        Number, Field(ge=0, le=10, description="from the first row to the last of a rolling shutter; 0: a global one")
     ] = 0.0
 
 
@@ -326,7 +324,12 @@ def _drift(value: Any) -> Any:
     return {**asdict(DRIFTS["lab"]), **value} if isinstance(value, Mapping) else value
 
 
-FileDrift = Annotated[Drift, Within(before=_drift, also={"enum": list(DRIFTS)})]
+def _or(names: JsonSchemaValue) -> GetPydanticSchema:
+    """Annotation of a value for which a file may have one of several names. names : their JSON Schema."""
+    return GetPydanticSchema(None, lambda schema, handler: {"anyOf": [handler(schema), names]})
+
+
+FileDrift = Annotated[Drift, BeforeValidator(_drift), _or({"enum": list(DRIFTS)})]
 """A drift as our files give it: a name, or a mapping, of which `lab` says what it leaves out."""
 
 
@@ -343,59 +346,55 @@ class KnownObject:
 
     shape: Literal["pin", "edge"]
     position_m: Annotated[np.ndarray, array_of(3, ge=-100, le=100)]
-    direction: Annotated[np.ndarray, array_of(3, ge=-1e6, le=1e6), Within(_direction)]
+    direction: Annotated[np.ndarray, array_of(3, ge=-1e6, le=1e6), AfterValidator(_direction)]
     std_m: Annotated[
-        float, Within(gt=0, le=0.1, description="how well its place is known, per axis; the same error in all frames")
+        Number, Field(gt=0, le=0.1, description="how well its place is known, per axis; the same error in all frames")
     ]
-    radius_m: Annotated[float, Within(ge=0, le=1, description="of the pin, or of the edge's rounding; 0: sharp")] = 0.0
+    radius_m: Annotated[Number, Field(ge=0, le=1, description="of the pin, or of the edge's rounding; 0: sharp")] = 0.0
 
 
-CameraName = Annotated[str, Within(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$")]
+CameraName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$")]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
 class SessionFile(FileModel):
     """The content of session.yaml: the rig as known before its calibration."""
 
     VERSION = SCHEMA
-    version: Annotated[Literal["vbaa.session/1"], Within(alias="schema")]
-    board: Annotated[
-        FileBoard, Within(also={"type": "string", "description": "a file beside this one that describes it"})
-    ]
-    antenna: Annotated[NominalAntenna, Within(before=_with_material, json_schema_extra=_or_material)]
+    version: Literal["vbaa.session/1"] = Field(alias="schema")
+    board: Annotated[FileBoard, _or({"type": "string", "description": "a file beside this one that describes it"})]
+    antenna: Annotated[NominalAntenna, BeforeValidator(_with_material)]
     jig: _Jig | None = None
     kinematics: _SessionKinematics | None = None
-    gravity_world: Annotated[Gravity | None, Within(description="m/s²; null: weightless")]
+    gravity_world: Annotated[Gravity | None, Field(description="m/s²; null: weightless")]
     moment_sensor: Annotated[
         _SensorNoise | None,
-        Within(description="about y; null, or left out: a rig without, calibrated by its pictures alone"),
+        Field(description="about y; null, or left out: a rig without, calibrated by its pictures alone"),
     ] = None
     second_moment_sensor: Annotated[
         MomentSensor | None,
-        Within(description="about z: reads gain · (x·f_y − y·f_x of force and weight) + offset; counts as exact"),
+        Field(description="about z: reads gain · (x·f_y − y·f_x of force and weight) + offset; counts as exact"),
     ] = None
     wrench_sensor: Annotated[
-        NominalWrenchSensor | None, Within(description="in place of moment_sensor: a sensor of more axes")
+        NominalWrenchSensor | None, Field(description="in place of moment_sensor: a sensor of more axes")
     ] = None
     load_readings: LoadReadings | None = None
     print_scale_std: Annotated[
-        float, Within(ge=0, le=0.05, description="how well the board's printed size is known, relative; 0: exactly")
+        Number, Field(ge=0, le=0.05, description="how well the board's printed size is known, relative; 0: exactly")
     ] = 0.0
     over: OverBoard | None = None
     drift: Annotated[
-        FileDrift | None,
-        Within(description="what may change between calibration and recording; null: as rig.json says"),
+        FileDrift | None, Field(description="what may change between calibration and recording; null: as rig.json says")
     ] = None
     camera: Shutter | None = None
     cameras: Annotated[
         dict[CameraName, Shutter | None],
-        Within(
+        Field(
             description="several by name, in place of camera; each one's pictures in intrinsics/NAME, plane/NAME, "
             "columns image_NAME"
         ),
-    ] = field(default_factory=dict)
+    ] = Field(default_factory=dict)
     known_object: Annotated[
-        KnownObject | None, Within(description="what the recording touches, if its place is known; for `vbaa refine`")
+        KnownObject | None, Field(description="what the recording touches, if its place is known; for `vbaa refine`")
     ] = None
 
 

@@ -6,17 +6,17 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
-from targets.within import Within
 from vbaa_calib.antenna.materials import round_wire
-from vbaa_calib.core.models import FileModel
+from vbaa_calib.core.models import FileModel, Number, WholeNumber
 
 from .drift import MovingClamp
 from .settings import AnyLength, Diameter, Gravity
 
-_Relative = Annotated[float, Within(ge=0, le=1)]
-_Side = Annotated[int, Within(ge=16, le=100_000)]
-_Curvature = Annotated[float, Within(ge=-1000, le=1000, description="natural curvature in the picture")]
+_Relative = Annotated[Number, Field(ge=0, le=1)]
+_Side = Annotated[WholeNumber, Field(ge=16, le=100_000)]
+_Curvature = Annotated[Number, Field(ge=-1000, le=1000, description="natural curvature in the picture")]
 
 
 @dataclass(frozen=True)
@@ -25,10 +25,10 @@ class _StraightView:
     one of the distance hardly does."""
 
     image_size: tuple[_Side, _Side]
-    mm_per_px: Annotated[float, Within(gt=0, le=10, description="in the antennas' plane")]
-    distance_m: Annotated[float, Within(ge=0.01, le=10, description="from the lens to that plane")]
-    scale_std: Annotated[_Relative, Within(description="how well mm_per_px is known, relative")] = 0.005
-    distortion: list[float] = field(default_factory=list)
+    mm_per_px: Annotated[Number, Field(gt=0, le=10, description="in the antennas' plane")]
+    distance_m: Annotated[Number, Field(ge=0.01, le=10, description="from the lens to that plane")]
+    scale_std: Annotated[_Relative, Field(description="how well mm_per_px is known, relative")] = 0.005
+    distortion: list[Number] = field(default_factory=list)
 
     @property
     def focal_px(self) -> float:
@@ -47,13 +47,13 @@ class StatedAntenna:
 
     length_m: AnyLength
     diameter_m: Diameter
-    youngs_modulus_Pa: Annotated[float, Within(ge=1e5, le=2e12)]
-    density_kg_m3: Annotated[float, Within(ge=10, le=3e4)]
-    stiffness_std: Annotated[_Relative, Within(description="how well EI is known, relative")] = 0.2
-    mass_std: Annotated[_Relative, Within(description="how well the weight is known, relative")] = 0.1
+    youngs_modulus_Pa: Annotated[Number, Field(ge=1e5, le=2e12)]
+    density_kg_m3: Annotated[Number, Field(ge=10, le=3e4)]
+    stiffness_std: Annotated[_Relative, Field(description="how well EI is known, relative")] = 0.2
+    mass_std: Annotated[_Relative, Field(description="how well the weight is known, relative")] = 0.1
     bow_per_m: _Curvature = 0.0
     bow_std_per_m: Annotated[
-        float | None, Within(gt=0, le=1000, description="how well the bow is known; null: hardly, 1/length_m")
+        Number | None, Field(gt=0, le=1000, description="how well the bow is known; null: hardly, 1/length_m")
     ] = None
 
     @property
@@ -62,16 +62,15 @@ class StatedAntenna:
         return round_wire(self.youngs_modulus_Pa, self.density_kg_m3, self.diameter_m)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
 class StatedFile(FileModel):
     """The content of whiskers.yaml."""
 
     VERSION = "vbaa.whiskers/1"
-    version: Annotated[str, Within(alias="schema")]
+    version: Annotated[str, Field(alias="schema")]
     camera: _StraightView
-    antennas: Annotated[dict[str, StatedAntenna], Within(min_length=1)]
+    antennas: Annotated[dict[str, StatedAntenna], Field(min_length=1)]
     gravity_world: Annotated[
-        Gravity, Within(description="m/s²; x runs to the right in the picture, y up, z to the camera; zero: weightless")
-    ] = field(default_factory=lambda: np.array([0.0, 0.0, -9.80665]))
-    clamp: Annotated[MovingClamp, Within(description="what no picture shows of the clamps", default=MovingClamp())]
-    noise_px: Annotated[float, Within(gt=0, le=100, description="of points whose scatter cannot be measured")] = 0.3
+        Gravity, Field(description="m/s²; x runs to the right in the picture, y up, z to the camera; zero: weightless")
+    ] = Field(default_factory=lambda: np.array([0.0, 0.0, -9.80665]))
+    clamp: Annotated[MovingClamp, Field(description="what no picture shows of the clamps")] = MovingClamp()
+    noise_px: Annotated[Number, Field(gt=0, le=100, description="of points whose scatter cannot be measured")] = 0.3

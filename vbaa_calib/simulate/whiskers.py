@@ -9,22 +9,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import yaml
+from pydantic import Field
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from targets.within import Within
 from vbaa_calib.antenna.rod import TORSION_RATIO, Rod
 from vbaa_calib.core.csv_rows import csv_text
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.core.files import read_yaml, write_json, write_text
 from vbaa_calib.core.folders import replacing_folder
-from vbaa_calib.core.models import array_of, checked
+from vbaa_calib.core.models import Number, WholeNumber, array_of, checked
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session.whiskers import StatedFile
 
@@ -33,11 +32,10 @@ from .scene.objects import TouchObject
 from .scene.scene import degrees
 from .write import refuse_target
 
-_Small = Annotated[float, Within(ge=0, le=0.1)]
+_Small = Annotated[Number, Field(ge=0, le=0.1)]
 _Plane = Annotated[np.ndarray, array_of(2, ge=-1, le=1)]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
 class _WhiskingFile(StatedFile):
     """A scene of whiskers: the stated parameters (here also the true ones) and their motion.
 
@@ -47,22 +45,22 @@ class _WhiskingFile(StatedFile):
     """
 
     VERSION = "vbaa.whisking/1"
-    seed: Annotated[int, Within(ge=0)] = 1
-    frames: Annotated[int, Within(ge=1, le=1_000_000)]
-    rate_hz: Annotated[float, Within(gt=0, le=1e6)]
+    seed: Annotated[WholeNumber, Field(ge=0)] = 1
+    frames: Annotated[WholeNumber, Field(ge=1, le=1_000_000)]
+    rate_hz: Annotated[Number, Field(gt=0, le=1e6)]
     follicles_m: dict[str, _Plane]
-    angles_rad: Annotated[dict[str, Annotated[float, degrees(-180, 180)]], Within(alias="angles_deg")]
-    whisk_hz: Annotated[float, Within(gt=0, le=1e3)]
-    swing_rad: Annotated[float, degrees(0, 90), Within(alias="swing_deg")]
+    angles_rad: Annotated[dict[str, Annotated[float, degrees(-180, 180)]], Field(alias="angles_deg")]
+    whisk_hz: Annotated[Number, Field(gt=0, le=1e3)]
+    swing_rad: Annotated[float, degrees(0, 90), Field(alias="swing_deg")]
     way_m: _Small = 5e-4
-    elevation_rad: Annotated[float, degrees(0, 90), Within(alias="elevation_deg")] = 0.0
-    roll_rad: Annotated[float, degrees(0, 90), Within(alias="roll_deg")] = 0.0
+    elevation_rad: Annotated[float, degrees(0, 90), Field(alias="elevation_deg")] = 0.0
+    roll_rad: Annotated[float, degrees(0, 90), Field(alias="roll_deg")] = 0.0
     depth_m: _Small = 0.0
     post_m: _Plane | None = None
-    post_radius_m: Annotated[float, Within(gt=0, le=0.1)] = 5e-4
-    reach_post: list[str] = field(default_factory=list)
-    first_px: Annotated[float, Within(ge=0, le=100, description="lines begin up to so far from the follicle")] = 1.0
-    visible: Annotated[float, Within(gt=0.1, le=1, description="part of the length that is traced")] = 0.97
+    post_radius_m: Annotated[Number, Field(gt=0, le=0.1)] = 5e-4
+    reach_post: list[str] = Field(default_factory=list)
+    first_px: Annotated[Number, Field(ge=0, le=100, description="lines begin up to so far from the follicle")] = 1.0
+    visible: Annotated[Number, Field(gt=0.1, le=1, description="part of the length that is traced")] = 0.97
 
     def poses(self, name: str, time_s: np.ndarray) -> list[Pose]:
         """T_world_antenna of a whisker at times (F,)."""

@@ -17,9 +17,9 @@ from types import SimpleNamespace
 from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import AfterValidator, Field, Strict
 
-from targets.within import Within
-from vbaa_calib.core.models import array_of, read_as
+from vbaa_calib.core.models import Number, array_of, read_as
 from vbaa_calib.native import core
 
 SHAPES = ("cylinder", "sphere", "knife_edge", "box_edge", "freeform")
@@ -54,8 +54,8 @@ class Bump:
     """
 
     direction_world: Direction
-    height_m: Annotated[float, Within(ge=-0.5, le=0.5)]
-    width_m: Annotated[float, Within(ge=1e-4, le=1)]
+    height_m: Annotated[Number, Field(ge=-0.5, le=0.5)]
+    width_m: Annotated[Number, Field(ge=1e-4, le=1)]
 
 
 def _gentle(bump: Bump) -> Bump:
@@ -70,7 +70,7 @@ def _gentle(bump: Bump) -> Bump:
 
 _Bumps = Annotated[
     tuple[Bump, ...],
-    read_as(Annotated[list[Annotated[Bump, Within(_gentle)]], Within(min_length=1)], tuple),
+    read_as(Annotated[list[Annotated[Bump, AfterValidator(_gentle)]], Strict(), Field(min_length=1)], tuple),
 ]
 
 
@@ -95,11 +95,11 @@ class TouchObject:
 
     shape: Annotated[str, read_as(Literal["cylinder", "sphere", "knife_edge", "box_edge", "freeform"], str)]
     center_world_m: Annotated[np.ndarray, array_of(3)]
-    axis_world: Annotated[Direction, Within(default=None)]
-    radius_m: Annotated[float, Within(ge=1e-6, le=1)]
-    half_length_m: Annotated[float, Within(ge=1e-3, le=10, default=0.1)]
-    stiffness_N_m: Annotated[float, Within(ge=1e-3, le=1e12)] = math.inf
-    friction: Annotated[float, Within(ge=0, le=2)] = 0.0
+    axis_world: Annotated[Direction, Field(default=None)]
+    radius_m: Annotated[Number, Field(ge=1e-6, le=1)]
+    half_length_m: Annotated[Number, Field(ge=1e-3, le=10, default=0.1)]
+    stiffness_N_m: Annotated[Number, Field(ge=1e-3, le=1e12)] = math.inf
+    friction: Annotated[Number, Field(ge=0, le=2)] = 0.0
     wedge_world: Direction = field(default_factory=lambda: np.zeros(3))
     bumps: _Bumps = ()
 

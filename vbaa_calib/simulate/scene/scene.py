@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field, GetPydanticSchema, Strict
 
 from targets.board import BoardWithIds
-from targets.within import Within
 from vbaa_calib.antenna.rod import TORSION_RATIO, Rod
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.models import array_of, read_as
+from vbaa_calib.core.models import Number, WholeNumber, array_of, read_as
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.session import MomentSensor, NominalAntenna
 from vbaa_calib.session.settings import FilePose
@@ -29,12 +29,12 @@ def _radians(angle_deg: Any) -> Any:
     return float(np.deg2rad(angle_deg))
 
 
-def degrees(low: float, high: float) -> Within:
+def degrees(low: float, high: float) -> GetPydanticSchema:
     """Annotation of an angle that the scene file has in degrees, between `low` and `high`."""
-    return read_as(Annotated[float, Within(ge=low, le=high)], _radians)
+    return read_as(Annotated[Number, Field(ge=low, le=high)], _radians)
 
 
-def _range(low: float, high: float, convert: Callable[[Any], Any] = tuple) -> Within:
+def _range(low: float, high: float, convert: Callable[[Any], Any] = tuple) -> GetPydanticSchema:
     """Annotation of a pair of a smallest and a largest value, both between `low` and `high` in the file's units."""
 
     def rising(pair: tuple[float, float]) -> Any:
@@ -42,7 +42,7 @@ def _range(low: float, high: float, convert: Callable[[Any], Any] = tuple) -> Wi
             raise ValueError(f"falls from {pair[0]:g} to {pair[1]:g}", "give the smaller one first")
         return convert(pair)
 
-    one = Annotated[float, Within(ge=low, le=high)]
+    one = Annotated[Number, Field(ge=low, le=high)]
     return read_as(tuple[one, one], rising)
 
 
@@ -60,8 +60,8 @@ class TrueAntenna:
     holder_m : (2,) radius and length of the dark collet that holds the antenna; zeros for none.
     """
 
-    stiffness_factor: Annotated[float, Within(ge=0.1, le=10)] = 1.0
-    tip_factor: Annotated[float, Within(ge=0.05, le=20)] = 1.0
+    stiffness_factor: Annotated[Number, Field(ge=0.1, le=10)] = 1.0
+    tip_factor: Annotated[Number, Field(ge=0.05, le=20)] = 1.0
     clamp_angle_rad: Annotated[np.ndarray, array_of(2)] = field(default_factory=lambda: np.zeros(2))
     clamp_offset_m: Annotated[np.ndarray, array_of(3)] = field(default_factory=lambda: np.zeros(3))
     natural_curvature_per_m: Annotated[np.ndarray, array_of(2)] = field(default_factory=lambda: np.zeros(2))
@@ -81,15 +81,15 @@ class WrenchSpec:
     """
 
     components: tuple[Literal["fx", "fy", "fz", "mx", "my", "mz"], ...] = ("fx", "fy", "fz", "mx", "my", "mz")
-    std_N: Annotated[float, Within(ge=1e-12, le=10)] = 3e-3
-    std_Nm: Annotated[float, Within(ge=1e-12, le=10)] = 2e-5
+    std_N: Annotated[Number, Field(ge=1e-12, le=10)] = 3e-3
+    std_Nm: Annotated[Number, Field(ge=1e-12, le=10)] = 2e-5
     T_antenna_sensor: FilePose = field(default_factory=Pose.identity)
     turn_rad: Annotated[np.ndarray, array_of(3, ge=-0.5, le=0.5)] = field(
         default_factory=lambda: np.array([0.02, -0.024, 0.015])
     )
-    gain: Annotated[float, Within(ge=0.1, le=10)] = 1.02
-    offset_N: float = 0.05
-    offset_Nm: float = 3e-4
+    gain: Annotated[Number, Field(ge=0.1, le=10)] = 1.02
+    offset_N: Number = 0.05
+    offset_Nm: Number = 3e-4
 
     def true(self, force_N: np.ndarray, moment_Nm: np.ndarray) -> np.ndarray:
         """(B, C) true components, from forces and moments (B, 3) about the antenna frame's origin."""
@@ -105,7 +105,7 @@ class WrenchSpec:
         return np.asarray(self.gain * true + offset + std * noise.standard_normal(true.shape))
 
 
-_Share = Annotated[float, Within(ge=0, le=1)]
+_Share = Annotated[Number, Field(ge=0, le=1)]
 
 
 @dataclass(frozen=True)
@@ -124,26 +124,26 @@ class PictureSpec:
     shading_asymmetry : how much brighter one side of the tube is; it pulls the centroid of its picture off the axis.
     """
 
-    blur_px: Annotated[float, Within(ge=0, le=20)] = 0.7
-    read_noise: Annotated[float, Within(ge=0, le=100)] = 1.2
-    electrons_per_grey: Annotated[float, Within(ge=1e-3, le=1e9)] = 40.0
-    vignette: Annotated[float, Within(ge=0, le=0.9)] = 0.25
-    gradient: Annotated[float, Within(ge=0, le=0.9)] = 0.15
+    blur_px: Annotated[Number, Field(ge=0, le=20)] = 0.7
+    read_noise: Annotated[Number, Field(ge=0, le=100)] = 1.2
+    electrons_per_grey: Annotated[Number, Field(ge=1e-3, le=1e9)] = 40.0
+    vignette: Annotated[Number, Field(ge=0, le=0.9)] = 0.25
+    gradient: Annotated[Number, Field(ge=0, le=0.9)] = 0.15
     background: _Share = 0.28
     clutter: _Share = 0.25
     antenna: _Share = 0.92
     object: _Share = 0.38
-    shading_asymmetry: Annotated[float, Within(ge=-1, le=1)] = 0.0
+    shading_asymmetry: Annotated[Number, Field(ge=-1, le=1)] = 0.0
 
 
 Material = Literal["steel", "paint", "nitinol", "nylon", "clear", "rubber", "none"]
 _Colour = tuple[_Share, _Share, _Share]
 Stretch = tuple[
-    Annotated[float, Within(ge=0)],
-    Annotated[float, Within(gt=0)],
+    Annotated[Number, Field(ge=0)],
+    Annotated[Number, Field(gt=0)],
     Material,
     _Colour | None,
-    Annotated[float, Within(ge=0, le=0.01)],
+    Annotated[Number, Field(ge=0, le=0.01)],
 ]
 """Of the antenna, where it looks different: first and last arc length, material, colour, and by how much its radius is
 larger (m; labels have the bare antenna)."""
@@ -171,44 +171,44 @@ class TraceSpec:
 
     material: Material = "steel"
     colour: _Colour | None = None
-    stretches: Annotated[tuple[Stretch, ...], read_as(list[Stretch], tuple)] = ()
+    stretches: Annotated[tuple[Stretch, ...], read_as(Annotated[list[Stretch], Strict()], tuple)] = ()
     bench: Literal["plain", "cluttered", "wood", "cloth", "patchwork"] = "plain"
     light: Literal["softboxes", "lamp", "side", "daylight"] = "softboxes"
-    bench_below_m: Annotated[float, Within(ge=0.02, le=2)] = 0.15
-    bench_roughness: Annotated[float, Within(ge=0.001, le=1)] | None = None
-    aperture_m: Annotated[float, Within(ge=0, le=0.05)] = 0.0
-    focus_m: Annotated[float, Within(ge=0.01, le=10)] | None = None
+    bench_below_m: Annotated[Number, Field(ge=0.02, le=2)] = 0.15
+    bench_roughness: Annotated[Number, Field(ge=0.001, le=1)] | None = None
+    aperture_m: Annotated[Number, Field(ge=0, le=0.05)] = 0.0
+    focus_m: Annotated[Number, Field(ge=0.01, le=10)] | None = None
     shutter: _Share = 0.0
     readout: _Share = 0.0
-    exposure: Annotated[float, Within(ge=0.01, le=10)] = 0.8
-    color: bool = False
-    samples: Annotated[int, Within(ge=1, le=65536)] = 48
+    exposure: Annotated[Number, Field(ge=0.01, le=10)] = 0.8
+    color: Annotated[bool, Strict()] = False
+    samples: Annotated[WholeNumber, Field(ge=1, le=65536)] = 48
 
 
 @dataclass(frozen=True)
 class IntrinsicsSpec:
     """Pictures of the board in the hand: their number, and the ranges of distance and tilt."""
 
-    pictures: Annotated[int, Within(ge=1, le=1000)]
+    pictures: Annotated[WholeNumber, Field(ge=1, le=1000)]
     distance_m: Annotated[tuple[float, float], _range(0.01, 10)]
-    tilt_rad: Annotated[tuple[float, float], _range(0, 70, _radians), Within(alias="tilt_deg")]
+    tilt_rad: Annotated[tuple[float, float], _range(0, 70, _radians), Field(alias="tilt_deg")]
 
 
 @dataclass(frozen=True)
 class Joints:
     """The two joint angles."""
 
-    pan_rad: Annotated[float, degrees(-180, 180), Within(alias="pan_deg")]
-    tilt_rad: Annotated[float, degrees(-89, 89), Within(alias="tilt_deg")]
+    pan_rad: Annotated[float, degrees(-180, 180), Field(alias="pan_deg")]
+    tilt_rad: Annotated[float, degrees(-89, 89), Field(alias="tilt_deg")]
 
 
 @dataclass(frozen=True)
 class KnownLoad(Joints):
     """A load that keeps its direction (a thread over a pulley): force components (y, z) in the antenna frame."""
 
-    distance_m: Annotated[float, Within(ge=1e-3)]
-    force_y_N: float
-    force_z_N: float
+    distance_m: Annotated[Number, Field(ge=1e-3)]
+    force_y_N: Number
+    force_z_N: Number
 
 
 @dataclass(frozen=True)
@@ -228,21 +228,21 @@ class Sweep:
 
     press: Annotated[str, read_as(Literal["pan", "tilt"], str)]
     toward: Annotated[int, read_as(Literal["positive", "negative"], {"positive": 1, "negative": -1}.__getitem__)]
-    frames: Annotated[int, Within(ge=1, le=100_000)]
-    free_frames: Annotated[int, Within(ge=1, le=1000, default=2)]
-    clearance_rad: Annotated[float, degrees(0.01, 90), Within(alias="clearance_deg", default=_radians(2.0))]
-    push_rad: Annotated[tuple[float, float], _range(0.1, 60, _radians), Within(alias="push_deg")]
-    swells: Annotated[float, Within(ge=0, le=100, default=1.0)]
-    sweep_rad: Annotated[tuple[float, float], read_as(tuple[float, float], _radians), Within(alias="sweep_deg")]
+    frames: Annotated[WholeNumber, Field(ge=1, le=100_000)]
+    free_frames: Annotated[WholeNumber, Field(ge=1, le=1000, default=2)]
+    clearance_rad: Annotated[float, degrees(0.01, 90), Field(alias="clearance_deg", default=_radians(2.0))]
+    push_rad: Annotated[tuple[float, float], _range(0.1, 60, _radians), Field(alias="push_deg")]
+    swells: Annotated[Number, Field(ge=0, le=100, default=1.0)]
+    sweep_rad: Annotated[tuple[float, float], read_as(tuple[Number, Number], _radians), Field(alias="sweep_deg")]
 
 
 @dataclass(frozen=True)
 class PlannedStrokes:
     """Strokes along the object, one after the other, at one rate; `pause_s` passes between two strokes."""
 
-    rate_hz: Annotated[float, Within(ge=1e-3, le=1e5)]
-    pause_s: Annotated[float, Within(ge=0, le=3600, default=5.0)]
-    sweeps: Annotated[tuple[Sweep, ...], read_as(Annotated[list[Sweep], Within(min_length=1)], tuple)]
+    rate_hz: Annotated[Number, Field(ge=1e-3, le=1e5)]
+    pause_s: Annotated[Number, Field(ge=0, le=3600, default=5.0)]
+    sweeps: Annotated[tuple[Sweep, ...], read_as(Annotated[list[Sweep], Strict(), Field(min_length=1)], tuple)]
 
 
 @dataclass(frozen=True)
@@ -257,14 +257,14 @@ class OverSpec:
     shadow : how much of the light the antenna's shadow takes, 0 for none. penumbra_m : its softness on the board.
     """
 
-    height_m: Annotated[float, Within(ge=0, le=0.5)]
-    center_m: tuple[float, float]
-    pictures: Annotated[int, Within(ge=1, le=100)]
-    turn_rad: Annotated[float, degrees(-360, 360), Within(alias="turn_deg")] = 0.0
-    pan_rad: Annotated[float, degrees(-180, 180), Within(alias="pan_deg")] = 0.0
-    tilt_rad: Annotated[float, degrees(-90, 90), Within(alias="tilt_deg")] = 0.0
+    height_m: Annotated[Number, Field(ge=0, le=0.5)]
+    center_m: tuple[Number, Number]
+    pictures: Annotated[WholeNumber, Field(ge=1, le=100)]
+    turn_rad: Annotated[float, degrees(-360, 360), Field(alias="turn_deg")] = 0.0
+    pan_rad: Annotated[float, degrees(-180, 180), Field(alias="pan_deg")] = 0.0
+    tilt_rad: Annotated[float, degrees(-90, 90), Field(alias="tilt_deg")] = 0.0
     shadow: _Share = 0.35
-    penumbra_m: Annotated[float, Within(ge=0, le=0.1)] = 1.5e-3
+    penumbra_m: Annotated[Number, Field(ge=0, le=0.1)] = 1.5e-3
 
     @property
     def joints(self) -> Joints:

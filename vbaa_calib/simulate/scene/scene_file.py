@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import AfterValidator, BeforeValidator, Field, Strict
 
 from targets.board import FileBoard
-from targets.within import Within
 from vbaa_calib.core.errors import InputError, about
 from vbaa_calib.core.files import read_yaml
-from vbaa_calib.core.models import FileModel, array_of, checked, read_as
+from vbaa_calib.core.models import FileModel, Number, WholeNumber, array_of, checked, read_as
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.session import MomentSensor, NominalAntenna
 from vbaa_calib.session.settings import AnyLength, CameraName, Diameter, FilePose, FileProfile, Gravity
@@ -35,19 +35,16 @@ from .scene import (
     degrees,
 )
 
-_Side = Annotated[int, Within(ge=16, le=20_000)]
+_Side = Annotated[WholeNumber, Field(ge=16, le=20_000)]
 
 
 @dataclass(frozen=True, eq=False)
 class _LookAt:
-    inclination_rad: Annotated[float, degrees(0, 80), Within(alias="inclination_deg")]
-    distance_m: Annotated[float, Within(ge=0.01, le=10)]
+    inclination_rad: Annotated[float, degrees(0, 80), Field(alias="inclination_deg")]
+    distance_m: Annotated[Number, Field(ge=0.01, le=10)]
     look_at_m: Annotated[np.ndarray, array_of(3)]
-    azimuth_rad: Annotated[float, degrees(-360, 360), Within(alias="azimuth_deg")] = np.pi
-    roll_rad: Annotated[float, degrees(-180, 180), Within(alias="roll_deg")] = 0.0
-
-
-_CameraPose = Annotated[Pose, read_as(_LookAt, lambda read: camera_pose(**vars(read)))]
+    azimuth_rad: Annotated[float, degrees(-360, 360), Field(alias="azimuth_deg")] = np.pi
+    roll_rad: Annotated[float, degrees(-180, 180), Field(alias="roll_deg")] = 0.0
 
 
 def _camera_matrix(matrix: np.ndarray) -> np.ndarray:
@@ -62,9 +59,9 @@ def _camera_matrix(matrix: np.ndarray) -> np.ndarray:
 class _SceneCamera:
     image_size: tuple[_Side, _Side]
     matrix: Annotated[np.ndarray, read_as(Annotated[np.ndarray, array_of(3, 3)], _camera_matrix)]
-    distortion: list[float] = field(default_factory=list)
+    distortion: Annotated[list[Number], Strict()] = field(default_factory=list)
     model: Literal["opencv", "fisheye"] = "opencv"
-    pose: _CameraPose | None = None
+    pose: Annotated[Pose, read_as(_LookAt, lambda read: camera_pose(**vars(read)))] | None = None
     T_antenna_camera: FilePose | None = None
 
 
@@ -101,7 +98,7 @@ def _touch_object(read: TouchObject) -> TouchObject:
     return replace(read, axis_world=axis, wedge_world=wedge / np.linalg.norm(wedge))
 
 
-FileObject = Annotated[TouchObject, Within(_touch_object)]
+FileObject = Annotated[TouchObject, AfterValidator(_touch_object)]
 """The object as scene files and truth.json hold it."""
 
 
@@ -109,8 +106,8 @@ FileObject = Annotated[TouchObject, Within(_touch_object)]
 class _SceneAntenna:
     length_m: AnyLength
     diameter_m: Diameter
-    youngs_modulus_Pa: Annotated[float, Within(ge=1e5, le=2e12)]
-    density_kg_m3: Annotated[float, Within(ge=0, le=3e4)]
+    youngs_modulus_Pa: Annotated[Number, Field(ge=1e5, le=2e12)]
+    density_kg_m3: Annotated[Number, Field(ge=0, le=3e4)]
     profile: FileProfile | None = None
     stiffness_profile: FileProfile | None = None
     actual: TrueAntenna = field(default_factory=TrueAntenna)
@@ -136,50 +133,48 @@ def _with_gain(sensor: Any) -> Any:
 @dataclass(frozen=True, eq=False)
 class _SceneJig:
     T_antenna_board: FilePose
-    pictures: Annotated[int, Within(ge=1, le=1000)]
+    pictures: Annotated[WholeNumber, Field(ge=1, le=1000)]
 
 
 @dataclass(frozen=True, eq=False)
 class _SceneKinematics:
     T_actuator_antenna: FilePose = field(default_factory=Pose.identity)
     position_world_m: Annotated[np.ndarray, array_of(3)] = field(default_factory=lambda: np.zeros(3))
-    axis_skew_rad: Annotated[float, degrees(-20, 20), Within(alias="axis_skew_deg")] = 0.0
-    axis_offset_m: Annotated[float, Within(ge=-0.5, le=0.5)] = 0.0
-    tilt_zero_rad: Annotated[float, degrees(-20, 20), Within(alias="tilt_zero_deg")] = 0.0
+    axis_skew_rad: Annotated[float, degrees(-20, 20), Field(alias="axis_skew_deg")] = 0.0
+    axis_offset_m: Annotated[Number, Field(ge=-0.5, le=0.5)] = 0.0
+    tilt_zero_rad: Annotated[float, degrees(-20, 20), Field(alias="tilt_zero_deg")] = 0.0
 
 
-_FileKinematics = Annotated[Kinematics, read_as(_SceneKinematics, lambda read: Kinematics(**vars(read)))]
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
 class _SceneFile(FileModel):
     """A scene file: the parts of a simulated rig, and its session."""
 
     VERSION = "vbaa.scene/1"
     FURTHER_KEYS = False
-    version: Annotated[Literal["vbaa.scene/1"], Within(alias="schema")]
-    name: Annotated[str, Within(before=str)]
-    seed: Annotated[int, Within(ge=0, le=2**63)]
+    version: Literal["vbaa.scene/1"] = Field(alias="schema")
+    name: Annotated[str, BeforeValidator(str)]
+    seed: Annotated[WholeNumber, Field(ge=0, le=2**63)]
     camera: Annotated[tuple[Lens, Pose], read_as(_SceneCamera, _lens_and_pose)] | None = None
-    cameras: dict[CameraName, Annotated[tuple[Lens, Pose], read_as(_SceneCamera, _lens_and_pose)]] = field(
+    cameras: dict[CameraName, Annotated[tuple[Lens, Pose], read_as(_SceneCamera, _lens_and_pose)]] = Field(
         default_factory=dict
     )
     board: FileBoard
     jig: _SceneJig
     antenna: Annotated[tuple[NominalAntenna, TrueAntenna], read_as(_SceneAntenna, _nominal_and_true)]
-    moment_sensor: Annotated[MomentSensor, Within(before=_with_gain)] | None = None
+    moment_sensor: Annotated[MomentSensor, BeforeValidator(_with_gain)] | None = None
     wrench_sensor: WrenchSpec | None = None
-    kinematics: _FileKinematics = field(default_factory=Kinematics)
+    kinematics: Annotated[Kinematics, read_as(_SceneKinematics, lambda read: Kinematics(**vars(read)))] = Field(
+        default_factory=Kinematics
+    )
     gravity_world: Gravity
     object: FileObject
-    picture: PictureSpec = field(default_factory=PictureSpec)
+    picture: PictureSpec = Field(default_factory=PictureSpec)
     intrinsics: IntrinsicsSpec
-    noload: Annotated[tuple[Joints, ...], read_as(Annotated[list[Joints], Within(min_length=1)], tuple)]
-    loads: Annotated[tuple[KnownLoad, ...], read_as(Annotated[list[KnownLoad], Within(min_length=1)], tuple)]
+    noload: Annotated[tuple[Joints, ...], read_as(Annotated[list[Joints], Strict(), Field(min_length=1)], tuple)]
+    loads: Annotated[tuple[KnownLoad, ...], read_as(Annotated[list[KnownLoad], Strict(), Field(min_length=1)], tuple)]
     recording: PlannedStrokes
-    sweep: bool = False
+    sweep: Annotated[bool, Strict()] = False
     over: OverSpec | None = None
-    traced: TraceSpec = field(default_factory=TraceSpec)
+    traced: TraceSpec = Field(default_factory=TraceSpec)
 
 
 def load_scene(path: Path) -> SceneSpec:
@@ -199,8 +194,7 @@ def load_scene(path: Path) -> SceneSpec:
         if load.distance_m > nominal.length_m:
             what = f"loads.{number}.distance_m: {load.distance_m:g} is beyond the antenna's {nominal.length_m:g} m"
             raise InputError(what, where=path, remedy="give metres from the clamp along the antenna")
-    shared = {each.name for each in fields(read)} & {each.name for each in fields(SceneSpec)}
-    same = {name: getattr(read, name) for name in shared}
+    same = {name: getattr(read, name) for name in _SceneFile.model_fields if name in SceneSpec.__dataclass_fields__}
     made = {
         "lens": lens,
         "camera": first,
