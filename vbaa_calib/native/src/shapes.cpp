@@ -324,8 +324,11 @@ void bend(int rung, int sweeps, const Pressed& press, const Made& made) {
 }  // namespace
 
 void bend_lanes(int rung, const Presses& presses, const Made& made) {
-    const double* gravity = presses.gravity_m_s2.data;
-    Pressed press = pressed(presses, {spread(gravity[0]), spread(gravity[1]), spread(gravity[2])});
+    const auto gravity = [&](int axis) {
+        const double* row = &presses.gravity_m_s2(axis, 0);
+        return presses.gravity_m_s2.shape[1] == 1 ? spread(*row) : load(row);
+    };
+    Pressed press = pressed(presses, {gravity(0), gravity(1), gravity(2)});
     bend(rung, sweeps_of(rung), press, made);
 }
 

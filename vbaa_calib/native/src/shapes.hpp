@@ -47,7 +47,7 @@ struct Made {
 };
 
 // LANES shapes as a rung of the ladder sees them; all arrays of `presses` are transposed, and its gravity is one,
-// (3, 1).
+// (3, 1), or each shape's, (3, LANES).
 void bend_lanes(int rung, const Presses& presses, const Made& made);
 
 // B shapes.

@@ -49,15 +49,8 @@ void begin(const Task& task, const Fit* rough, Fit& fit, bool with_feet, double 
     fit.scatter = scatter;
     fit.converged = fit.at_tip = false;
     fit.to_tip = {};
-    if (rough != nullptr) {
-        // the rough rig has the first of the axes
-        const int lines = rig.lines(), axes = rough->steps.size() - lines;
-        fill(fit.steps.view(), 0.0);
-        std::copy_n(rough->steps.begin(), axes, fit.steps.begin());
-        std::copy_n(rough->steps.begin() + axes, lines, fit.steps.begin() + rig.shared);
-    } else {
-        fill(fit.steps.view(), 0.0);
-    }
+    fill(fit.steps.view(), 0.0);
+    if (rough != nullptr) put_rough_steps(rig, *rough, fit.steps.begin());
     predict(rig, frame, rung, work.bent, fit, true);
     rig_jacobian(rig, frame, rough == nullptr ? LINEAR : rung, work.bent, fit);
     work.slopes_at = fit.unknowns;

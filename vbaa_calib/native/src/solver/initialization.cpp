@@ -16,7 +16,6 @@ namespace {
 constexpr double NEAREST = 0.05;   // the grid's first distance, in antenna lengths; the last is the tip
 constexpr int ROUNDS = 2;          // reweightings of the points by the residuals of the best distance
 constexpr double WARM_COST = 8.0;  // a known start is taken unless another distance explains so much more
-constexpr double FREE = 0.65;      // the free antenna is a contact here without a force: it only places the nodes
 constexpr double LARGEST_LOAD =
     3.0;                        // F·l²/EI of a start: far bends ask small deflections for a force many times too large
 constexpr int REST = 2 * GRID;  // the column of `crossed` with the residuals
@@ -224,7 +223,7 @@ void free_antenna(const Rig& rig, const Frame& frame, Fit& fit, Work& work) {
     fill(fit.steps.view(), 0.0);
     FreeKey& known = work.known;
     if (&fit != &work.free || rig.with_tip || !known.is_of(rig, frame)) {
-        predict(rig, frame, REFERENCE, work.bent, fit, false);
+        predict_free(rig, frame, work.bent, fit);
         known.made = rig.made;
         std::copy_n(frame.gravity_m_s2, 3, known.gravity_m_s2);
         std::copy_n(frame.available, READINGS, known.available);

@@ -280,7 +280,7 @@ void solve_frame(const Task& asked, const Rigs& rigs, const Unknowns& warm, cons
     if (!ended) {
         const double distance_std = std::sqrt(found.covariance[0][0]);
         findings.second = second_force(task, work.best, problem, distance_std);
-        findings.evidence = contact_evidence(rig, rung, work.best, problem, work);
+        findings.evidence = contact_evidence(task, search.few, work.best, problem);
     }
     findings.other.cost -= unscaled_cost(rig, work.best);
     findings.left_px = rig.cameras[frame.seen_by].focal * left;
@@ -289,14 +289,32 @@ void solve_frame(const Task& asked, const Rigs& rigs, const Unknowns& warm, cons
 
 }  // namespace
 
+// The free antennas of the frames about one, the same ones whatever part of all is asked for; false where one serves
+// all.
+template <class Measured>
+bool bend_together(const Rig& rig, const Measured& frames, int index, FreeShapes& free) {
+    const int first = index / LANES * LANES, some = std::min(LANES, frames.size() - first);
+    const ConstMatrix gravity = frames.gravity_m_s2.part(first, some);
+    const double* one = gravity.begin();
+    bool same = true;
+    for (int lane = 1; lane < some; ++lane) same = same && std::equal(one, one + 3, one + 3 * lane);
+    if (!same) bend_free(rig, gravity, free);
+    return !same;
+}
+
 template <class Measured>
 void solve_frames(const Rigs& rigs, const Measured& frames, const Demand& demand, View<Numbers, 1> numbers) {
     const ConstMatrix& warm = demand.warm;
     thread_local Room room, few;  // a call with one frame would take longer to make them than for all else
     Unknowns start;
     start.fill(NOT_KNOWN);
+    FreeShapes free;
+    bool several = false;
     for (int index = demand.begin; index < demand.end; ++index) {
-        const Frame frame = frame_of(rigs.exact, frames, index);
+        Frame frame = frame_of(rigs.exact, frames, index);
+        frame.lane = index % LANES;
+        if (frame.lane == 0 || index == demand.begin) several = bend_together(rigs.exact, frames, index, free);
+        if (several) frame.free = &free;
         if (frame.count < PointSettings().fewest) {
             numbers[index].points = frame.count;
             continue;

@@ -263,7 +263,7 @@ void information_of_points(const Rig& rig, Fit& fit, Matrix product) {
 }
 
 void normal_equations(const Rig& rig, Fit& fit, int first, Matrix product) {
-    double cost = points_cost(fit), weight[READINGS];
+    double cost = points_cost(fit), weight[READINGS] = {};
     information_of_points(rig, fit, product);
     const int size = fit.size, wide = fit.side.size();
     fill(fit.side.view(), 0.0);
@@ -354,6 +354,12 @@ double least_cost(const Rig& rig, Fit& fit, int first, int rounds, Work& work, d
         if (promise < std::max(CONVERGED * (1.0 + fit.cost), fit.cost - promise - enough)) break;
     }
     return total_cost(rig, fit);
+}
+
+void put_rough_steps(const Rig& rig, const Fit& rough, double* steps) {
+    const int lines = rig.lines(), axes = rough.steps.size() - lines;
+    std::copy_n(rough.steps.begin(), axes, steps);
+    std::copy_n(rough.steps.begin() + axes, lines, steps + rig.shared);
 }
 
 double unscaled_cost(const Rig& rig, Fit& fit) {

@@ -60,6 +60,9 @@ double total_cost(const Rig& rig, const Fit& fit);
 // need only be accurate to a fifth.
 double least_cost(const Rig& rig, Fit& fit, int first, int rounds, Work& work, double enough = INFINITE);
 
+// Puts a rough fit's rig steps among zeros, the steps of all axes: the rough rig has the first of these.
+void put_rough_steps(const Rig& rig, const Fit& rough, double* steps);
+
 // The cost with the σ that the points came with: only these compare between fits.
 double unscaled_cost(const Rig& rig, Fit& fit);
 

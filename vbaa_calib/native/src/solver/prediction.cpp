@@ -119,6 +119,55 @@ void friction_column(const Rig& rig, const double* available, Fit& fit) {
     }
 }
 
+// The pictures of all lanes.
+void see(const Rig& rig, Bent& bent) {
+    int clamp = 0;
+    for (const Camera& camera : rig.cameras) {
+        const auto& turn = camera.rotation;
+        const double* shift = camera.translation_m;
+        double *u = &bent.u(clamp, 0), *v = &bent.v(clamp, 0), *depth = &bent.depth(clamp, 0);
+        for (int j = 0; j < NODES; ++j) {
+            const Lanes x = load(bent.points_m[0][j]), y = load(bent.points_m[1][j]), z = load(bent.points_m[2][j]);
+            const auto seen = [&](int axis) {
+                return turn[axis][0] * x + turn[axis][1] * y + (turn[axis][2] * z + shift[axis]);
+            };
+            Lanes ahead = seen(2);
+            ahead = where_positive(NEAREST_DEPTH_M - ahead, NEAREST_DEPTH_M, ahead);  // NaN stays NaN
+            const Lanes by_depth = 1.0 / ahead;
+            store(u + j * LANES, seen(0) * by_depth);
+            store(v + j * LANES, seen(1) * by_depth);
+            store(depth + j * LANES, ahead);
+        }
+        clamp += NODES;
+    }
+}
+
+// Where a lane's tip lies along the antenna, in σ.
+double tip_along(const Rig& rig, const Frame& frame, const Bent& bent, int lane, const TipAxis& end) {
+    const int last = frame.tip_clamp + LAST;
+    return bent.u(last, lane) * end.u + bent.v(last, lane) * end.v + rig.tip_offset_m * end.per_m;
+}
+
+// What is predicted of the first lane; returns its readings.
+std::array<double, READINGS> put_prediction(const Rig& rig, const Frame& frame, const Bent& bent, Fit& fit) {
+    curves(rig, bent, fit);
+    const TipAxis end = fitted_tip_axis(rig, frame, fit);
+    std::array<double, READINGS> base = {};
+    const ClampWrench wrench = clamp_wrench(rig, frame, bent, 0);
+    for (int reading = 0; reading < rig.readings; ++reading) {
+        const bool tip = reading == END;
+        const double read =
+            tip ? frame.tip[0] * end.u + frame.tip[1] * end.v : frame.reading[reading] / rig.std[reading];
+        base[reading] = tip ? tip_along(rig, frame, bent, 0, end) : read_by(rig.by_wrench[reading], wrench);
+        fit.predicted_residual[reading] = (read - base[reading]) * frame.available[reading];
+    }
+    for (int axis = 0; axis < 3; ++axis) {
+        fit.point_force[axis] = bent.points_m[axis][CONTACT][0];
+        fit.point_force[3 + axis] = bent.force_N[axis][0];
+    }
+    return base;
+}
+
 }  // namespace
 
 Bent::Bent(const Rig& rig)
@@ -152,25 +201,7 @@ void bend_and_see(const Rig& rig, const Frame& frame, int rung, Bent& bent, bool
                                       view(bent.friction_rad),
                                       false};
     antenna::bend_lanes(rung, presses, {view(bent.points_m), tangents, view(bent.force_N), view(bent.moment_Nm)});
-    int clamp = 0;
-    for (const Camera& camera : rig.cameras) {
-        const auto& turn = camera.rotation;
-        const double* shift = camera.translation_m;
-        double *u = &bent.u(clamp, 0), *v = &bent.v(clamp, 0), *depth = &bent.depth(clamp, 0);
-        for (int j = 0; j < NODES; ++j) {
-            const Lanes x = load(bent.points_m[0][j]), y = load(bent.points_m[1][j]), z = load(bent.points_m[2][j]);
-            const auto seen = [&](int axis) {
-                return turn[axis][0] * x + turn[axis][1] * y + (turn[axis][2] * z + shift[axis]);
-            };
-            Lanes ahead = seen(2);
-            ahead = where_positive(NEAREST_DEPTH_M - ahead, NEAREST_DEPTH_M, ahead);  // NaN stays NaN
-            const Lanes by_depth = 1.0 / ahead;
-            store(u + j * LANES, seen(0) * by_depth);
-            store(v + j * LANES, seen(1) * by_depth);
-            store(depth + j * LANES, ahead);
-        }
-        clamp += NODES;
-    }
+    see(rig, bent);
 }
 
 TipAxis tip_axis(const Frame& frame, double slope_u, double slope_v) {
@@ -242,6 +273,40 @@ double by_force(const Rig& rig, int reading, int axis, double distance_m) {
     return row[1 + axis] + (axis == 0 ? row[5] : -row[4]) * distance_m;
 }
 
+void bend_free(const Rig& rig, ConstMatrix gravity_m_s2, FreeShapes& found) {
+    double parameters[ANTENNA][LANES], gravity[3][LANES], contact_m[LANES];
+    const double none[2][LANES] = {};
+    for (int k = 0; k < ANTENNA; ++k) store(parameters[k], spread(rig.antenna_parameters[k]));
+    store(contact_m, spread(FREE * rig.length_m));
+    for (int lane = 0; lane < LANES; ++lane) {
+        const int row = std::min(lane, gravity_m_s2.shape[0] - 1);
+        for (int axis = 0; axis < 3; ++axis) gravity[axis][lane] = gravity_m_s2(row, axis);
+    }
+    const antenna::Presses presses = {view(parameters), rig.length_m,          rig.taper,          view(gravity),
+                                      view(contact_m),  {none[0], {2, LANES}}, {none[0], {LANES}}, false};
+    antenna::bend_lanes(REFERENCE, presses,
+                        {view(found.points_m), view(found.tangents), view(found.force_N), view(found.moment_Nm)});
+}
+
+void predict_free(const Rig& rig, const Frame& frame, Bent& bent, Fit& fit) {
+    lay(rig, bent, fit.unknowns);
+    if (frame.free == nullptr) {
+        bend_and_see(rig, frame, REFERENCE, bent, true);
+    } else {
+        const FreeShapes& known = *frame.free;
+        for (int axis = 0; axis < 3; ++axis) {
+            for (int j = 0; j < NODES; ++j) {
+                store(bent.points_m[axis][j], spread(known.points_m[axis][j][frame.lane]));
+                bent.tangents[axis][j] = known.tangents[axis][j][frame.lane];
+            }
+            store(bent.force_N[axis], spread(known.force_N[axis][frame.lane]));
+        }
+        store(bent.moment_Nm, spread(known.moment_Nm[frame.lane]));
+        see(rig, bent);
+    }
+    put_prediction(rig, frame, bent, fit);
+}
+
 void predict(const Rig& rig, const Frame& frame, int rung, Bent& bent, Fit& fit, bool derivatives) {
     const double back = fit.unknowns[0] + STEP > TIP ? -STEP : STEP;
     int free = 0;
@@ -255,32 +320,16 @@ void predict(const Rig& rig, const Frame& frame, int rung, Bent& bent, Fit& fit,
         if (free == UNKNOWNS) bent.friction_rad[4] += STEP * rig.friction_rad;
     }
     bend_and_see(rig, frame, rung, bent, true);
-    curves(rig, bent, fit);
+    const std::array<double, READINGS> base = put_prediction(rig, frame, bent, fit);
     const TipAxis end = fitted_tip_axis(rig, frame, fit);
-    const int last = frame.tip_clamp + LAST;
-    const auto tip_of = [&](int lane) {
-        return bent.u(last, lane) * end.u + bent.v(last, lane) * end.v + rig.tip_offset_m * end.per_m;
-    };
     const double* available = frame.available;
-    double base[READINGS];
-    const ClampWrench wrench = clamp_wrench(rig, frame, bent, 0);
-    for (int reading = 0; reading < rig.readings; ++reading) {
-        const bool tip = reading == END;
-        const double read =
-            tip ? frame.tip[0] * end.u + frame.tip[1] * end.v : frame.reading[reading] / rig.std[reading];
-        base[reading] = tip ? tip_of(0) : read_by(rig.by_wrench[reading], wrench);
-        fit.predicted_residual[reading] = (read - base[reading]) * available[reading];
-    }
-    for (int axis = 0; axis < 3; ++axis) {
-        fit.point_force[axis] = bent.points_m[axis][CONTACT][0];
-        fit.point_force[3 + axis] = bent.force_N[axis][0];
-    }
     for (int k = 0; k < free; ++k) {
         const double by_step = 1.0 / (k == 0 ? back : STEP);
         bent.by_step[1 + k] = by_step;
         const ClampWrench moved = clamp_wrench(rig, frame, bent, k + 1);
         for (int reading = 0; reading < rig.readings; ++reading) {
-            const double there = reading == END ? tip_of(k + 1) : read_by(rig.by_wrench[reading], moved);
+            const double there =
+                reading == END ? tip_along(rig, frame, bent, k + 1, end) : read_by(rig.by_wrench[reading], moved);
             fit.reading_columns(reading, k) = (there - base[reading]) * by_step * available[reading];
         }
         for (int axis = 0; axis < 3; ++axis) {

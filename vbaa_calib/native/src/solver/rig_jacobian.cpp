@@ -218,24 +218,32 @@ void pictures_along_axes(const Rig& rig, const Bent& bent, Fit& fit) {
 // The found line's own errors, which readings and contact do not have: the first Legendre polynomials along the
 // antenna.
 void by_line(const Rig& rig, Fit& fit) {
-    const int count = rig.cameras[0].line.size();
-    for (int own = 0; own < rig.lines(); ++own) {
-        const int column = UNKNOWNS + rig.shared + own, k = own % count, clamp = own / count * NODES;
-        if (rig.cameras.size() > 1) {
-            for (int j = 0; j < fit.nodes; ++j) fit.columns(j, column) = 0.0;
-        }
-        for (int j = 0; j < NODES; ++j) {
-            const double along = 2.0 * arclength_of_node(fit, rig.length_m, j) / rig.length_m - 1.0;
-            double shape = 1.0, lower = 0.0;
-            for (int n = 0; n < k; ++n) {
-                const double higher = ((2 * n + 1) * along * shape - n * lower) / (n + 1);
-                lower = std::exchange(shape, higher);
-            }
-            fit.columns(clamp + j, column) = shape * rig.cameras[own / count].line[k];
-        }
-        for (int reading = 0; reading < rig.readings; ++reading) fit.reading_columns(reading, column) = 0.0;
-        for (int q = 0; q < 6; ++q) fit.point_force_columns(q, column) = 0.0;
+    const int count = rig.cameras[0].line.size(), first = UNKNOWNS + rig.shared;
+    double along[NODES], shape[NODES], lower[NODES] = {};
+    for (int j = 0; j < NODES; ++j) {
+        along[j] = 2.0 * arclength_of_node(fit, rig.length_m, j) * (1.0 / rig.length_m) - 1.0;
+        shape[j] = 1.0;
     }
+    if (rig.cameras.size() > 1) {
+        for (int j = 0; j < fit.nodes; ++j) std::fill_n(&fit.columns(j, first), rig.lines(), 0.0);
+    }
+    for (int k = 0; k < count; ++k) {
+        int clamp = 0;
+        for (const Camera& camera : rig.cameras) {
+            double* column = &fit.columns(clamp, first + clamp / NODES * count + k);
+            for (int j = 0; j < NODES; ++j) column[j * fit.columns.shape[1]] = shape[j] * camera.line[k];
+            clamp += NODES;
+        }
+        const double rise = (2.0 * k + 1.0) / (k + 1.0), fall = k / (k + 1.0);
+        for (int j = 0; j < NODES; ++j) {
+            const double higher = rise * along[j] * shape[j] - fall * lower[j];
+            lower[j] = std::exchange(shape[j], higher);
+        }
+    }
+    for (int reading = 0; reading < rig.readings; ++reading) {
+        std::fill_n(&fit.reading_columns(reading, first), rig.lines(), 0.0);
+    }
+    for (int q = 0; q < 6; ++q) std::fill_n(&fit.point_force_columns(q, first), rig.lines(), 0.0);
 }
 
 // The first of four samples around each node, and their weights there, either side of the contact by itself.

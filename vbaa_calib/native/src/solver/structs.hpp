@@ -38,8 +38,9 @@ constexpr int GRID = 3 * LANES;  // distances that are tried before a fit begins
 constexpr int STARTS = 2;        // minima that are searched for each frame
 // Evaluations of the model after which a fit ends unconverged: sound frames take 3 to 30, by vision alone up to 200.
 constexpr int MOST_EVALUATIONS = 400;
-constexpr double TIP = 1.0;                 // the tip's distance in antenna lengths
-constexpr double HUBER = 2.5;               // whitened residuals beyond this count linearly
+constexpr double TIP = 1.0;    // the tip's distance in antenna lengths
+constexpr double FREE = 0.65;  // the free antenna is a contact here without a force: it only places the nodes
+constexpr double HUBER = 2.5;  // whitened residuals beyond this count linearly
 constexpr double TIP_DEFLECTION_STD = 0.3;  // prior of the tip's deflection, in antenna lengths
 
 constexpr int REFERENCE = ROD;  // what the other rungs are compared with
@@ -113,6 +114,12 @@ inline double load_at(const Rig& rig, double distance) {
     return 2.0 * rig.unit_load * antenna::deflection_by_contact(rig.taper, distance, distance);
 }
 
+// Free antennas of LANES frames next to each other, each under its own gravity.
+struct FreeShapes {
+    double points_m[3][NODES][LANES], tangents[3][NODES][LANES];
+    double force_N[3][LANES], moment_Nm[LANES];
+};
+
 // One frame: its usable points in the ideal pictures and what the sensors read.
 struct Frame {
     int count;                 // N points, one camera's after the other's
@@ -124,6 +131,8 @@ struct Frame {
     int tip_clamp;                     // the first node of the picture that it is in
     double available[READINGS];        // 1 where there is such a reading; less where it is noisier; 0 without
     double gravity_m_s2[3];            // antenna frame
+    const FreeShapes* free;            // if known, with its own among them
+    int lane;                          // its own
 
     const double* u() const { return points.begin(); }
     const double* v() const { return points.begin() + points.shape[1]; }

@@ -289,10 +289,26 @@ void predicted_bias(const Errors& errors, const Uncertainty& found, double (&bia
     }
 }
 
-double contact_evidence(const Rig& rig, int rung, const Fit& fit, const Fit& problem, Work& work) {
-    work.free.scatter = fit.scatter;
+double contact_evidence(const Task& task, const Task& few, const Fit& fit, const Fit& problem) {
+    const auto& [rig, frame, rung, work] = task;
+    Fit &free = work.free, &rough = few.work.free;
+    const int rounds = rig.steps() ? ROUNDS : 0;
     const double enough = rung == REFERENCE ? fit.cost + BEYOND_DOUBT : INFINITE;
-    const double without = least_cost(rig, work.free, UNKNOWNS, rig.steps() ? ROUNDS : 0, work, enough);
+    free.scatter = fit.scatter;
+    if (rung == REFERENCE && rounds && fit.points) {
+        // where hardly anything would do without a contact, the steps of a few points are good enough; beyond Huber's
+        // bound each then weighs as much as those that it stands for
+        rough.scatter = fit.scatter * std::sqrt(static_cast<double>(rough.points) / fit.points);
+        least_cost(few.rig, rough, UNKNOWNS, CLOSE_ROUNDS, few.work);
+        fill(work.step.view(), 0.0);
+        put_rough_steps(rig, rough, work.step.begin() + UNKNOWNS);
+        step_linearly(free, work.step.begin(), work.shift);
+        std::copy_n(work.step.begin() + UNKNOWNS, rig.steps(), free.steps.begin());
+        constexpr double certain = 10.0;  // times that at which a better search would change nothing but the number
+        const double without = total_cost(rig, free);
+        if (without > fit.cost + certain * BEYOND_DOUBT) return without - fit.cost;
+    }
+    const double without = least_cost(rig, free, UNKNOWNS, rounds, work, enough);
     if (rung == REFERENCE && without - fit.cost > BEYOND_DOUBT) return without - fit.cost;
     // after a fit that did not converge, the linear problem about it gives a better estimate of the contact's gain
     work.other = problem;

@@ -42,8 +42,9 @@ void predicted_bias(const Errors& errors, const Uncertainty& found, double (&bia
 //
 // Both may move the rig within its joint covariance first, so that a clamp angle that is known badly is not taken for
 // a contact. Without contact it is 1.5 to 2 (three unknowns fitted to noise). Both are compared on the highest rung,
-// `problem` with its residuals: what a lower one leaves out of the weight must not pass for a force. Spoils the free
-// antenna's residuals.
-double contact_evidence(const Rig& rig, int rung, const Fit& fit, const Fit& problem, Work& work);
+// `problem` with its residuals: what a lower one leaves out of the weight must not pass for a force. A contact
+// beyond doubt has an evidence to a third. Spoils the free antenna's residuals, and those of a few points on the rough
+// rig.
+double contact_evidence(const Task& task, const Task& few, const Fit& fit, const Fit& problem);
 
 }  // namespace vbaa::solver
