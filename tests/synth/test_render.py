@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import zlib
-
 import cv2
 import numpy as np
 import pytest
 
 from targets.board import BoardSpec, corner_points, opencv_board
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.native import core
 from vbaa_calib.simulate.plan import _board_poses as board_poses
 from vbaa_calib.simulate.render.antenna import tube, tube_patches, visible_centreline
 from vbaa_calib.simulate.render.board import board_patch, print_sheet
@@ -46,15 +43,6 @@ def test_noise_has_the_variance_of_shot_and_read_noise() -> None:
     picture = digitise(noisy, grey, np.random.default_rng(4)).astype(float)
     assert picture.mean() == pytest.approx(120.0, abs=0.02)
     assert picture.var() == pytest.approx(2.0**2 + 120.0 / 20.0 + 1 / 12, rel=0.02)
-
-
-def test_what_is_deflated_inflates_to_itself() -> None:
-    often = [1, 1]
-    while len(often) < 22:  # Fibonacci's numbers: codes would be longer than 15 bits
-        often.append(often[-1] + often[-2])
-    for data in (np.repeat(np.arange(22), often), np.random.default_rng(0).integers(0, 256, 200_001), np.zeros(1)):
-        stream = core.simulate.huffman_deflated(data.astype(np.uint8))
-        assert zlib.decompress(stream, -15) == data.astype(np.uint8).tobytes()
 
 
 RADIUS_M = 0.0004

@@ -1,7 +1,6 @@
 #include <nanobind/stl/array.h>
 
 #include "../simulate_casting.hpp"
-#include "../simulate_huffman.hpp"
 #include "../simulate_picture.hpp"
 #include "../simulate_stick_slip.hpp"
 #include "rod.hpp"
@@ -161,11 +160,6 @@ auto digitised(const InPlane& grey, double electrons_per_grey, double read_noise
     return to_numpy(unlocked([&] { return simulate::digitised(view(grey), electrons_per_grey, read_noise, seed); }));
 }
 
-auto huffman_deflated(const Numpy<const std::uint8_t, 1>& bytes) {
-    require(bytes.size() > 0 && static_cast<double>(bytes.size()) < 5e8, "1 to 5·10^8 bytes");
-    return to_numpy(unlocked([&] { return simulate::huffman_deflated(view(bytes)); }));
-}
-
 auto spline(const InVector& places, const InMatrix& points, const InVector& at) {
     require(places.size() > 3 && places.size() == points.shape(0), "a spline goes through four points or more");
     auto found = unlocked([&] { return simulate::spline(view(places), view(points), view(at)); });
@@ -229,7 +223,6 @@ void bind_simulate(nb::module_& module) {
     room.def("blurred_change", &blurred_change,
              "(H, W) float32 what a patch changes in the blurred picture behind it.");
     room.def("digitised", &digitised, "(H, W) uint8 grey levels with noise.");
-    room.def("huffman_deflated", &huffman_deflated, "Deflate stream of bytes, both uint8, without a search in them.");
     room.def("spline", &spline, "(M, D) values and slopes of the cubic spline through points.");
     room.def("tube_parts", &tube_parts,
              "Of each stretch of a tube: left, top, brightness and covered part (2, H·F, W·F) float32, depth (H, W).");
