@@ -34,7 +34,7 @@ MOST = {
     "module constants": 771,
     "class names used twice": 0,
     "classes": 418,
-    "public names": 1085,
+    "public names": 1084,
     "private words": 38,
     "type: ignore": 4,
     "words on pages": 29914,

@@ -54,29 +54,35 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class _Stream:
-    """A bag, or a video with the readings in the .csv of the same name next to it.
+class RecordedStream:
+    """A bag, a video or a table of pictures.
 
-    notes : remarks from the last pass.
+    table : of its readings. views : by camera a source of its own ("" for none) and what is added to its times.
+    unclocked : cameras of which that is to be estimated. clocks : sentences on the offsets that were.
+    notes, counts : remarks from the last pass, and numbers of its messages.
     """
 
     path: Path
     rig: Rig
     topics: Topics
     timing: Timing
+    table: Path | None = None
     no_moment: bool = False
+    views: Mapping[str, tuple[str, float]] = field(default_factory=dict)
+    unclocked: tuple[str, ...] = ()
+    clocks: tuple[str, ...] = ()
     notes: list[str] = field(default_factory=list)
+    counts: dict[str, int] = field(default_factory=dict)
 
     def opened(self) -> MessageSource:
-        """Opens source and synchroniser for one pass. Raises InputError."""
+        """The source for one pass. Raises InputError."""
         from vbaa_calib.streams.recorded import open_recorded  # loads what a session does without
 
-        readings = self.path.with_suffix(".csv")
-        table = readings if readings.is_file() and not is_bag(self.path) else None
         timing = self.timing
         known_s = None if timing.estimate_offset and timing.offset_std_s == 0.0 else timing.offset_s
         topics = replace(self.topics, wrench=self.rig.wrench_sensor is not None)
-        found = open_recorded(self.path, self.rig.lenses, table, known_s, topics)
+        topics.check_cameras(self.rig.cameras if self.rig.others else ())
+        found = open_recorded(self.path, self.rig.lenses, self.table, known_s, topics, self.views)
         return found.without_moments() if self.no_moment else found
 
     def taken(self) -> Iterator[tuple[Frame, FramePictures]]:
@@ -87,42 +93,50 @@ class _Stream:
         timing = replace(self.timing, moment_std_Nm=self.rig.reading_noise)
         synchronizer = Synchronizer(timing, source.channels, self.rig.image_sizes, source.notes, live=False)
         yield from taken_frames(source.messages(), synchronizer)
-        std_s = timing.offset_std_s
-        clock = f"the readings' clock: {timing.offset_s:+.4f} s (± {1e3 * std_s:.1f} ms) are added to their times"
-        self.notes[:] = [*source.notes, *synchronizer.left_out(), *[clock][: int(std_s > 0.0)]]
+        self.notes[:] = [*source.notes, *synchronizer.left_out()]
+        self.counts.update(synchronizer.counts)
 
-    def clocked(self, estimator: ContactEstimator, ground: Ground | None) -> _Stream:
-        """The stream with the clocks' offset, if that is to be estimated. Raises InputError where the data do not
-        support it."""
-        if not self.timing.estimate_offset:
+    def clocked(self, estimator: ContactEstimator, ground: Ground | None) -> RecordedStream:
+        """The stream with the offsets of its clocks, where they are to be estimated. Raises InputError where the data
+        do not support it."""
+        if not (self.unclocked or self.timing.estimate_offset):
             return self
         from .clock import recorded_clock_offset
 
-        offset_s, std_s, _ = recorded_clock_offset(estimator, self.opened, self.timing, ground)
-        return replace(self, timing=replace(self.timing, offset_s=offset_s, offset_std_s=std_s))
+        stream = self
+        for name in self.unclocked:
+
+            def opened(about_s: float, now: RecordedStream = stream, name: str = name) -> MessageSource:
+                return replace(now, views={**now.views, name: (now.views[name][0], about_s)}).opened()
+
+            offset_s, std_s, _ = recorded_clock_offset(estimator, opened, self.timing, ground, name)
+            words = f"{name}'s clock: {offset_s:+.4f} s (± {1e3 * std_s:.1f} ms) are added to its times"
+            views = {**stream.views, name: (stream.views[name][0], offset_s)}
+            stream = replace(stream, views=views, clocks=(*stream.clocks, words))
+        if not self.timing.estimate_offset:
+            return replace(stream, unclocked=())
+        offset_s, std_s, frames = recorded_clock_offset(estimator, stream.opened, self.timing, ground)
+        words = f"the readings' clock: {offset_s:+.4f} s (± {1e3 * std_s:.1f} ms) are added to their times, by "
+        timing = replace(self.timing, offset_s=offset_s, offset_std_s=std_s)
+        return replace(stream, unclocked=(), timing=timing, clocks=(*stream.clocks, f"{words}{frames} pictures"))
 
 
 @dataclass(frozen=True, eq=False)
-class _Source:
+class Source:
     """An opened and checked recording.
 
     Attributes
     ----------
-    session : settings of its session; None for a bag or video.
-    frames : all of them, in order; none of a bag or video, where they come with their pictures.
+    session : settings of its session; None for any other.
+    frames : all of them, in order; none of a stream, where they come with their pictures.
     lines : centrelines by frame; None where each frame has its picture.
-    stream : the bag or video.
+    stream : the bag, video or table of pictures.
     """
 
     session: Session | None
     frames: Sequence[Frame]
-    lines: Centrelines | None
-    stream: _Stream | None = None
-
-    @property
-    def notes(self) -> Sequence[str]:
-        """Notes from the last pass through a bag or video."""
-        return () if self.stream is None else self.stream.notes
+    lines: Centrelines | None = None
+    stream: RecordedStream | None = None
 
     @property
     def drift(self) -> Drift | None:
@@ -134,8 +148,8 @@ class _Source:
         """The camera's shutter, as far as it is known."""
         return Shutter() if self.session is None else self.session.shutter
 
-    def clocked(self, estimator: ContactEstimator, ground: Ground | None) -> _Source:
-        """The source with the clocks' offset of a bag or video estimated if asked. Raises InputError where it cannot
+    def clocked(self, estimator: ContactEstimator, ground: Ground | None) -> Source:
+        """The source with the offsets of a stream's clocks estimated if asked. Raises InputError where they cannot
         be."""
         return self if self.stream is None else replace(self, stream=self.stream.clocked(estimator, ground))
 
@@ -145,7 +159,7 @@ class _Source:
         folder : where pictures that are taken out of a bag or video are written.
         """
         if self.stream is not None:
-            return sample_of(rig, self.stream.taken(), folder)
+            return _sample_of(rig, self.stream.taken(), folder)
         assert self.session is not None
         return [*self.frames, *_free_frames(self.session, rig)]
 
@@ -203,7 +217,7 @@ def _session_root(path: Path) -> Path:
     return path.parent.parent if _stands_for_session(path) else path
 
 
-def unpacked(
+def _unpacked(
     rig: Rig, taken: Iterable[tuple[Frame, FramePictures]], folder: Path
 ) -> Iterator[tuple[Frame, FramePictures]]:
     """Frames with their pictures written to files in a folder."""
@@ -219,7 +233,7 @@ def unpacked(
         yield replace(frame, image=others.pop(rig.camera_name, None), others=others), pictures
 
 
-def sample_of(rig: Rig, taken: Iterable[tuple[Frame, FramePictures]], folder: Path) -> list[Still]:
+def _sample_of(rig: Rig, taken: Iterable[tuple[Frame, FramePictures]], folder: Path) -> list[Still]:
     """Some pictures of each camera from a bag or video, written to files in a folder."""
     from vbaa_calib.streams.pictures import thinned
 
@@ -232,12 +246,12 @@ def sample_of(rig: Rig, taken: Iterable[tuple[Frame, FramePictures]], folder: Pa
                 yield (frame, pictures), there
 
     chosen = (one for one, _ in thinned(judged(), ContactSettings.sampled_pictures))
-    return [frame for frame, _ in unpacked(rig, chosen, folder)]
+    return [frame for frame, _ in _unpacked(rig, chosen, folder)]
 
 
 def open_source(
     path: Path, rig: Rig, no_moment: bool = False, topics: Topics | None = None, timing: Timing | None = None
-) -> _Source:
+) -> Source:
     """Open a session folder, or its recording/centrelines.csv; a bag; a video with readings in the .csv of its name.
 
     no_moment : ignore the moment readings. topics, timing : of bags and videos. Raises InputError for
@@ -247,9 +261,11 @@ def open_source(
         from vbaa_calib.streams import Timing
         from vbaa_calib.streams.bags import Topics
 
-        stream = _Stream(path, rig, topics or Topics(), timing or Timing(), no_moment)
+        readings = path.with_suffix(".csv")
+        table = readings if readings.is_file() and not is_bag(path) else None
+        stream = RecordedStream(path, rig, topics or Topics(), timing or Timing(), table, no_moment)
         stream.opened()  # what is wrong is told at once
-        return _Source(None, (), None, stream)
+        return Source(None, (), None, stream)
     session = _of_rig(load_session(_session_root(path)), rig)
     frames = read_recording(session)
     if no_moment:
@@ -259,7 +275,7 @@ def open_source(
         own = [frame.others[name] for frame in frames if name in frame.others] if name in rig.others else pictures
         check_pictures(own, one.camera.image_size, "the rig was calibrated at")
     lines = None if pictures else read_centrelines(session).checked(frames, "recording.csv")
-    return _Source(session, frames, lines)
+    return Source(session, frames, lines)
 
 
 def _of_rig(session: Session, rig: Rig) -> Session:
@@ -281,11 +297,13 @@ def _of_rig(session: Session, rig: Rig) -> Session:
 
 
 def estimate_source(
-    estimator: ContactEstimator, source: _Source, ground: Ground | None = None
+    estimator: ContactEstimator, source: Source, ground: Ground | None = None, folder: Path | None = None
 ) -> Iterator[FrameContact]:
-    """The contacts of every frame of a recording, in order, with a note on those that the shutter affects."""
+    """The contacts of every frame of a recording, in order, with a note on those that the shutter affects. folder :
+    where a stream's pictures are written, if anywhere."""
     if source.stream is not None:
-        found = estimate_taken(estimator, source.stream.taken(), ground)
+        taken = source.stream.taken()
+        found = estimate_taken(estimator, taken if folder is None else _unpacked(estimator.rig, taken, folder), ground)
     elif source.lines is None:
         found = estimate_pictures(estimator, source.frames, ground)
     else:

@@ -103,6 +103,7 @@ def _estimated(recording: BatchRecording, settings: BatchSettings, results: Resu
             overview.amend(partial(changed_row, verdict))
         changed, numbers = summary(estimator.drift), overview.numbers()
         warnings = ["no frame shows the free antenna"] if rig.drift.of_rig and not changed["free_frames"] else []
+        notes = () if source.stream is None else (*source.stream.notes, *source.stream.clocks)
         if changed["beyond"]:
             warnings.append(f"{', '.join(changed['beyond'])} changed more than drift does: run vbaa check")
         return {
@@ -118,7 +119,7 @@ def _estimated(recording: BatchRecording, settings: BatchSettings, results: Resu
             "drift_moment_zero_std": changed["moment_zero_std"],
             "drift_beyond": changed["beyond"],
             "outside_points": overview.outside["points"],
-            "warnings": [*warnings, *source.notes, *overview.outside_in_words(rig.camera.image_size)],
+            "warnings": [*warnings, *notes, *overview.outside_in_words(rig.camera.image_size)],
             "cpu_s": time.process_time() - begun,
         }
 

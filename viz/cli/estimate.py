@@ -7,9 +7,9 @@ import math
 import re
 from array import array
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -27,12 +27,12 @@ if TYPE_CHECKING:
     from estimator.contact.contacts import Contacts
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.inputs import Batch
-    from estimator.contact.recording import FrameContact, FramePictures, Ground
+    from estimator.contact.recording import FrameContact, Ground
+    from estimator.contact.source import Source
     from estimator.table.contacts import ContactRow, ContactTable
     from vbaa_calib.core.errors import Verdict
     from vbaa_calib.rig import Rig
     from vbaa_calib.session import Drift, Frame
-    from vbaa_calib.streams import MessageSource, Synchronizer
 
 MODELS = ("auto", "paper", "linear", "elastica", "rod")
 """auto and `vbaa_calib.antenna.rungs.RUNGS`, which is not imported for the sake of a quick --help."""
@@ -179,10 +179,10 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
     from estimator.table.overview import Overview, overview_in_words
 
     rig = usable_rig(args.rig, args.accept_rig)
-    recording = _from_session if args.session is not None and _is_session(args.session) else _without_session
     unpacking = TemporaryDirectory(prefix="vbaa-overlay-")  # gone with this call
     args.unpacked = Path(unpacking.name)
-    estimator, frames = recording(args, rig)
+    estimator, frames = _recording(args, rig)
+    source = frames.source
     if frames.words:
         say(f"background: {frames.words}")
     watch, verdict = None if frames.antennas else RecordingWatch(estimator.rig), RecordingVerdict()
@@ -241,15 +241,16 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
                 verdict = with_unused(watch.verdict(), overview.unused, overview.frames)
             remarks += verdict.verdict.lines
 
-    together = None if args.overlay is not None or args.two else frames.together()
-    found = rows() if together is None else tables(together, frames.listed)
+    together = None if args.overlay is not None or args.two else source.together(estimator)
+    found = rows() if together is None else tables(together, source.frames)
     write_contacts(args.output, found, args.force)
     if verdict.concerns_any:
         rewrite_contacts(args.output, lambda row, *which: changed_row(verdict, frame_of[row], *which))
         overview.amend(partial(changed_row, verdict))
     for words in verdict.verdict.lines:
         say(words)
-    for note in (*frames.notes(), *overview.outside_in_words(rig.camera.image_size)):
+    notes, counts = ((), {}) if source.stream is None else (source.stream.notes, source.stream.counts)
+    for note in (*notes, *overview.outside_in_words(rig.camera.image_size)):
         say(note)
     numbers = overview.numbers()
     for words in overview_in_words(numbers):
@@ -277,7 +278,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
         "distance_std_median_m": located,
         "drift": drift,
         "background": frames.words or None,
-        "stream": dict(frames.counts) or None,
+        "stream": dict(counts) or None,
         "antennas": list(frames.antennas) or None,
         "outside_points": overview.outside["points"],
         "outside_frames": overview.outside["frames"],
@@ -288,18 +289,15 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
 
 @dataclass(frozen=True, eq=False)
 class _Recording:
-    """Frames that are estimated on demand, their number if known, and notes; where clamps move, the antennas' names.
-    together : `estimate_together` of the `listed` frames."""
+    """A recording with its frames, estimated on demand, their number if known, and the background with words on it;
+    where clamps move, the antennas' names."""
 
+    source: Source
     items: Iterable[FrameContact]
     count: int | None
-    ground: Ground | None
+    ground: Ground | None = None
     words: str = ""
-    notes: Callable[[], list[str]] = list
-    counts: Mapping[str, int] = field(default_factory=dict)
     antennas: Sequence[str] = ()
-    listed: Sequence[Frame] = ()
-    together: Callable[[], Iterator[tuple[slice, Batch, Contacts]] | None] = lambda: None
 
 
 def _is_session(path: Path) -> bool:
@@ -316,71 +314,51 @@ def _estimator(args: argparse.Namespace, rig: Rig, drift: Drift | None) -> Conta
     return ContactEstimator(rig, args.model, friction=args.friction, jobs=args.jobs)
 
 
-def _from_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator, _Recording]:
-    """The recording of a session. Raises InputError."""
-    from estimator.contact.source import estimate_source, open_source
+def _recording(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator, _Recording]:
+    """The recording, with the estimator of its drift. Raises InputError."""
+    from estimator.contact.source import estimate_source
     from estimator.contact.surroundings import surroundings
-
-    if args.readings is not None:
-        what = "--readings belongs to a bag, a video or --centrelines"
-        raise InputError(what, where="vbaa estimate", remedy="a session's readings are in recording/recording.csv")
-    source = open_source(args.session, rig, args.no_moment)
-    estimator = _estimator(args, rig, source.drift)
-    if not args.no_moment:
-        _say_silent(source.frames, rig)
-    ground, words = surroundings(estimator.rig, args.background, lambda: source.stills(rig, Path()))
-    items, count = estimate_source(estimator, source, ground), len(source.frames)
-    together = partial(source.together, estimator)
-    return estimator, _Recording(items, count, ground, words, listed=source.frames, together=together)
-
-
-def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator, _Recording]:
-    """The recording in a bag, a video, a table of pictures, or centrelines. Raises InputError."""
-    from estimator.contact.recording import estimate_centrelines, estimate_taken, estimate_together
-    from estimator.contact.source import sample_of, unpacked
-    from estimator.contact.surroundings import surroundings
-    from vbaa_calib.session import centrelines_of, without_moments
-    from vbaa_calib.streams import Synchronizer, taken_frames
 
     if args.centrelines is not None and rig.clamp is not None:
         return _of_moving_clamps(args, rig)
-    estimator = _estimator(args, rig, None)
+    source = _source(args, rig)
+    estimator = _estimator(args, rig, source.drift)
+    if source.stream is None and not args.no_moment:
+        _say_silent(source.frames, rig)
+    with TemporaryDirectory(prefix="vbaa-stills-") as folder:
+        ground, words = surroundings(estimator.rig, args.background, lambda: source.stills(rig, Path(folder)))
+    source = source.clocked(estimator, ground)
+    for line in () if source.stream is None else source.stream.clocks:
+        say(line)
+    items = estimate_source(estimator, source, ground, args.unpacked if args.overlay else None)
+    count = len(source.frames) if source.stream is None else None
+    return estimator, _Recording(source, items, count, ground, words)
+
+
+def _source(args: argparse.Namespace, rig: Rig) -> Source:
+    """The recording of a session, a stream, or centrelines. Raises InputError."""
+    from estimator.contact.source import Source, open_source
+    from vbaa_calib.session import centrelines_of, without_moments
+
     if args.centrelines is not None:
         if args.background is not None:
             raise InputError("--background is for pictures only", where="vbaa estimate", remedy="leave it out")
         lines = centrelines_of(args.centrelines, args.line, tuple(rig.cameras) if rig.others else ())
         frames = streams.frames_of(args, {"": lines, **lines.others})
-        if args.no_moment:
-            frames = without_moments(frames)
-        else:
-            _say_silent(frames, rig)
-        together = partial(estimate_together, estimator, frames, lines)
-        items = estimate_centrelines(estimator, frames, lines)
-        return estimator, _Recording(items, len(frames), None, listed=frames, together=together)
-    timing = streams.timing_of(args, rig)
-
-    def opened() -> tuple[MessageSource, Synchronizer, Iterator[tuple[Frame, FramePictures]]]:
-        source = streams.recorded(args, args.session, estimator.rig, timing)
-        sizes = estimator.rig.image_sizes
-        synchronizer = Synchronizer(timing, source.channels, sizes, source.notes, live=False)
-        return source, synchronizer, taken_frames(source.messages(), synchronizer)
-
-    with TemporaryDirectory(prefix="vbaa-stills-") as folder:
-        ground, words = surroundings(
-            estimator.rig, args.background, lambda: sample_of(estimator.rig, opened()[2], Path(folder))
-        )
-    timing = streams.clocked(args, args.session, estimator, timing, ground)
-    source, synchronizer, taken = opened()
-    items = estimate_taken(estimator, unpacked(rig, taken, args.unpacked) if args.overlay else taken, ground)
-    return estimator, _Recording(
-        items, None, ground, words, lambda: [*source.notes, *synchronizer.left_out()], synchronizer.counts
-    )
+        return Source(None, without_moments(frames) if args.no_moment else frames, lines)
+    if _is_session(args.session):
+        if args.readings is not None:
+            what = "--readings belongs to a bag, a video or --centrelines"
+            raise InputError(what, where="vbaa estimate", remedy="a session's readings are in recording/recording.csv")
+        return open_source(args.session, rig, args.no_moment)
+    return Source(None, (), None, streams.stream_of(args, args.session, rig, streams.timing_of(args)))
 
 
 def _of_moving_clamps(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator, _Recording]:
     """The recording of antennas with moving clamps, by centrelines of all that both file and rig have. Raises
     InputError."""
     from estimator.contact.moving_clamp import clamp_tracks, estimate_antennas
+    from estimator.contact.source import Source
     from vbaa_calib.session import antennas_of
 
     for name in ("background", "overlay"):
@@ -402,7 +380,7 @@ def _of_moving_clamps(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstima
         say(f"{name}: {track.words}")
     items = estimate_antennas(tracks, frames, known, model=args.model, friction=args.friction)
     estimator = _estimator(args, replace(rig, clamp=None, antennas={}), None)
-    return estimator, _Recording(items, len(frames) * len(known), None, antennas=list(known))
+    return estimator, _Recording(Source(None, frames), items, len(frames) * len(known), antennas=list(known))
 
 
 def _say_silent(frames: Sequence[Frame], rig: Rig) -> None:

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from estimator.contact.recording import Ground
     from estimator.live import LiveContact, LiveEstimator
     from estimator.live.outputs import ContactBag, Datagrams, GrowingTable
-    from vbaa_calib.rig import Rig
     from vbaa_calib.streams import MessageSource, Timing
     from viz.files.rerun_log import RerunLog
 
@@ -102,8 +101,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     if words:
         say(f"background: {words}")
     with ExitStack() as stack:
-        timing = _clocked(args, estimator, timing, ground)
-        source = _source(args, rig, timing)
+        source, timing = _opened(args, estimator, timing, ground)
         # before any output is begun
         source = source if source.live else source.begun()
         sinks = _sinks(args, stack)
@@ -120,35 +118,30 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     return monitor.summary(args)
 
 
-def _clocked(args: argparse.Namespace, estimator: ContactEstimator, timing: Timing, ground: Ground | None) -> Timing:
-    """The timing with the clocks' offset, estimated if asked. Raises InputError where it cannot be estimated."""
-    from vbaa_calib.core.files import is_recorded
-
-    path = Path(args.source)
-    estimated = [args.clock_offset, *(each.rpartition("=")[2] for each in args.camera_offset)]
-    if streams.ESTIMATE in estimated and (args.source == "-" or not is_recorded(path)):
-        remedy = "estimate it from a recording of the same rig (vbaa estimate says it), then state it"
-        raise InputError("an offset to be estimated needs a recording", where="vbaa live", remedy=remedy)
-    return streams.clocked(args, path, estimator, timing, ground)
-
-
-def _source(args: argparse.Namespace, rig: Rig, timing: Timing) -> MessageSource:
-    """The named source with its readings. Raises InputError."""
+def _opened(
+    args: argparse.Namespace, estimator: ContactEstimator, timing: Timing, ground: Ground | None
+) -> tuple[MessageSource, Timing]:
+    """The named source with its readings, and the timing with the clocks' offset, estimated if asked. Raises
+    InputError."""
     from vbaa_calib.core.files import is_recorded
     from vbaa_calib.streams.devices import udp_socket, with_datagrams
     from vbaa_calib.streams.recorded import open_running
 
-    path = Path(args.source)
+    path, key, rig = Path(args.source), _key(args), estimator.rig
     if is_recorded(path) and args.source != "-":
         if args.udp is not None:
             remedy = "give recorded readings with a recorded source: --readings"
             raise InputError("--udp is for live sources", where="vbaa live", remedy=remedy)
-        _key(args)
-        return streams.recorded(args, path, rig, timing)
+        stream = streams.stream_of(args, path, rig, timing).clocked(estimator, ground)
+        for words in stream.clocks:
+            say(words)
+        return stream.opened(), stream.timing
+    if streams.ESTIMATE in (args.clock_offset, *(each.rpartition("=")[2] for each in args.camera_offset)):
+        remedy = "estimate it from a recording of the same rig (vbaa estimate says it), then state it"
+        raise InputError("an offset to be estimated needs a recording", where="vbaa live", remedy=remedy)
     if args.readings is not None:
         remedy = "give live readings with a live source: --udp, or standard input"
         raise InputError("--readings is for recorded sources", where="vbaa live", remedy=remedy)
-    key = _key(args)
     listening = None if args.udp is None else udp_socket(args.udp)
     try:
         cameras = list(rig.cameras) if rig.others else []
@@ -158,7 +151,7 @@ def _source(args: argparse.Namespace, rig: Rig, timing: Timing) -> MessageSource
         if listening is not None:
             listening.close()
         raise
-    return source.without_moments() if args.no_moment else source
+    return source.without_moments() if args.no_moment else source, timing
 
 
 def _key(args: argparse.Namespace) -> bytes | None:

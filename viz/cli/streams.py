@@ -6,7 +6,6 @@ import argparse
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,11 +13,10 @@ from vbaa_calib.cli.options import add_joints, pan_tilt_rad
 from vbaa_calib.core.errors import InputError
 
 if TYPE_CHECKING:
-    from estimator.contact.estimate import ContactEstimator
-    from estimator.contact.recording import Ground
+    from estimator.contact.source import RecordedStream
     from vbaa_calib.rig import Rig
     from vbaa_calib.session import Centrelines, Frame
-    from vbaa_calib.streams import MessageSource, Timing
+    from vbaa_calib.streams import Timing
     from vbaa_calib.streams.bags import Topics
 
 _ROLES = ("image", "moment", "joints", "camera")
@@ -147,39 +145,6 @@ def timing_of(args: argparse.Namespace, rig: Rig | None = None) -> Timing:
     return timing if rig is None else replace(timing, moment_std_Nm=rig.reading_noise)
 
 
-def clocked(
-    args: argparse.Namespace, path: Path, estimator: ContactEstimator, timing: Timing, ground: Ground | None
-) -> Timing:
-    """The timing with the clocks' offset, estimated from a recorded source if that is asked for; so are those of
-    further cameras, in `args`. Raises InputError."""
-    from estimator.contact.clock import recorded_clock_offset
-    from vbaa_calib.core.console import say
-
-    for place, text in enumerate(args.camera_offset):
-        name, _, value = text.partition("=")
-        if value == ESTIMATE:
-
-            def opened(about_s: float, place: int = place, name: str = name) -> MessageSource:
-                offsets = [*args.camera_offset[:place], f"{name}={about_s}", *args.camera_offset[place + 1 :]]
-                return recorded(
-                    argparse.Namespace(**vars(args) | {"camera_offset": offsets}), path, estimator.rig, timing
-                )
-
-            views_of(args, estimator.rig)
-            offset_s, std_s, _ = recorded_clock_offset(estimator, opened, timing, ground, name)
-            args.camera_offset[place] = f"{name}={offset_s}"
-            say(f"{name}'s clock: {offset_s:+.4f} s (± {1e3 * std_s:.1f} ms) are added to its times")
-    if args.clock_offset != ESTIMATE:
-        return timing
-    whole = partial(recorded, args, path, estimator.rig, timing)
-    offset_s, std_s, frames = recorded_clock_offset(estimator, whole, timing, ground)
-    say(
-        f"the readings' clock: {offset_s:+.4f} s (± {1e3 * std_s:.1f} ms) are added to their times, by "
-        f"{frames} pictures"
-    )
-    return replace(timing, offset_s=offset_s, offset_std_s=std_s)
-
-
 def _topics_of(args: argparse.Namespace) -> Topics:
     """The topics to read from a bag. Raises InputError for an unknown role."""
     from vbaa_calib.streams.bags import Topics
@@ -233,19 +198,17 @@ def named_topics(entries: Iterable[str], roles: Sequence[str] | None = _ROLES) -
     return named
 
 
-def recorded(args: argparse.Namespace, path: Path, rig: Rig, timing: Timing) -> MessageSource:
+def stream_of(args: argparse.Namespace, path: Path, rig: Rig, timing: Timing) -> RecordedStream:
     """A bag, a video or a table of pictures, with its readings. Raises InputError."""
+    from estimator.contact.source import RecordedStream
     from vbaa_calib.core.files import is_bag
-    from vbaa_calib.streams.recorded import open_recorded
 
     table = args.readings
     if table is None and not is_bag(path) and path.suffix.lower() == ".csv":
         table = path
-    known_s = None if args.clock_offset == ESTIMATE and timing.offset_std_s == 0.0 else timing.offset_s
-    topics = replace(_topics_of(args), wrench=rig.wrench_sensor is not None)
-    topics.check_cameras(rig.cameras if rig.others else ())
-    source = open_recorded(path, rig.lenses, table, known_s, topics, views_of(args, rig))
-    return source.without_moments() if args.no_moment else source
+    unclocked = [name for name, _, text in (each.partition("=") for each in args.camera_offset) if text == ESTIMATE]
+    views = views_of(args, rig)
+    return RecordedStream(path, rig, _topics_of(args), timing, table, args.no_moment, views, tuple(unclocked))
 
 
 def frames_of(args: argparse.Namespace, lines: Mapping[str, Centrelines]) -> Sequence[Frame]:
