@@ -200,7 +200,7 @@ def clean_pair(seed: tuple[int, int]) -> tuple[tuple[str, Outcome], tuple[str, O
     frames = int(rng.choice([60, 100, 200]))
     known = calibrated_rig(kind, own)
     done = motion(kind, frames, rng, free=bool(rng.uniform() < 0.75))
-    recording = recorded(known.rig, [drifted(known.world, rng)] * frames, done, own)
+    recording = recorded(known.rig, [drifted(known.world, rng.normal(size=20))] * frames, done, own)
     return ((TAKEN, judged_session(CLEAN, clean_session(kind, own), rng)), (RECORDED, judged(CLEAN, recording, rng)))
 
 

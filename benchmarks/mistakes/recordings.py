@@ -162,7 +162,7 @@ def clean_recording(kind: Kind, seed: int, frames: int = 60, free: bool = True) 
 def recording_on(known: Calibrated, seed: int, frames: int = 60, free: bool = True) -> Recording:
     """The same on a rig that is calibrated already."""
     rng = np.random.default_rng((53, seed))
-    world, done = drifted(known.world, rng), motion(known.world.kind, frames, rng, free)
+    world, done = drifted(known.world, rng.normal(size=20)), motion(known.world.kind, frames, rng, free)
     return recorded(known.rig, [world] * frames, done, seed)
 
 

@@ -24,7 +24,7 @@ from vbaa_calib.calibrate.pose.board_pose import jig_estimate, solve_board_pose
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import Rig
-from vbaa_calib.session import DRIFTS, Load, LoadReadings, NominalAntenna, NominalTip, Session, Still
+from vbaa_calib.session import DRIFTS, Drift, Load, LoadReadings, NominalAntenna, NominalTip, Session, Still
 from vbaa_calib.simulate.plan import _board_poses as board_poses
 from vbaa_calib.simulate.scene.lens import Lens, project
 from vbaa_calib.simulate.scene.scene import IntrinsicsSpec, camera_pose
@@ -284,9 +284,8 @@ def drawn_world(kind: Kind, rng: np.random.Generator) -> World:
     )
 
 
-def drifted(world: World, rng: np.random.Generator) -> World:
-    """What a rig is some days later, by as much as `lab` says."""
-    drift, draw = DRIFTS["lab"], rng.normal(size=20)
+def drifted(world: World, draw: np.ndarray, drift: Drift = DRIFTS["lab"]) -> World:
+    """What a rig is some days later: changed by so many (19,) of the deviations that are expected."""
     changed = world.with_parameters(
         p2=drift.clamp_turn_rad * draw[0],
         p3=drift.clamp_turn_rad * draw[1],

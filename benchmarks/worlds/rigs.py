@@ -248,14 +248,14 @@ def _moment(wire: Wire) -> float:
     return 3.0 * wire.stiffness_Nm2 * 0.06 / (0.6 * wire.length_m)
 
 
-def draw_optics(rng: np.random.Generator, families: Sequence[str] = FAMILIES) -> Optics:
+def draw_optics(rng: np.random.Generator) -> Optics:
     """A lens whose every pixel has one ray; wide ones bend more, and not all families can be wide."""
     sizes = list(SIZES)
     while True:
         size = sizes[rng.choice(len(sizes), p=list(SIZES.values()))]
         width = max(size)
         focal = float(np.exp(rng.uniform(np.log(max(300.0, 0.45 * width)), np.log(min(3000.0, 2.5 * width)))))
-        family = str(rng.choice(families))
+        family = str(rng.choice(FAMILIES))
         reach = np.hypot(*size) / 2 / focal
         if family == "fisheye":
             coefficients = np.array([0.08, 0.02, 0.01, 0.003]) * rng.normal(size=4) / max(reach, 0.5) ** np.arange(4)

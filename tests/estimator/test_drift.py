@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.drift import ALL, FREE, NONE, NOTHING, SEEN, UNSEEN, Change, changed, estimated
+from benchmarks.drift import ALL, CHANGES, FREE, NONE, SEEN, UNSEEN, changed, estimated
 from benchmarks.mistakes.recordings import clean_recording
 from benchmarks.mistakes.rigs import KINDS, Calibrated, known_rig
 from estimator import Contact, ContactEstimator
@@ -18,7 +18,7 @@ from estimator.table.contacts import Measured
 from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Rig
-from vbaa_calib.session import DRIFTS
+from vbaa_calib.session import DRIFTS, Drift
 
 from ..rod_scenes import LENGTH_M, RIG_STD, SIGMA_PX, World, along, camera_pose, gravity_antenna, press
 from .contact_scenes import RIG, frame
@@ -41,7 +41,7 @@ def off(found: list[Contact], distance_m: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_a_rig_that_changed_keeps_its_contacts(known: Calibrated, seed: int) -> None:
     """With free frames and without: what is located without the change is located with it, within its deviations."""
-    before, after = (changed(known, change, seed) for change in (NOTHING, ALL))
+    before, after = (changed(known, change, seed) for change in (Drift(), CHANGES[ALL]))
     for way in (UNSEEN, SEEN):
         unchanged, found = (estimated(known.rig, way, each.frames) for each in (before, after))
         was, error = (off(each, after.truth.distance_m) for each in (unchanged, found))
@@ -51,9 +51,9 @@ def test_a_rig_that_changed_keeps_its_contacts(known: Calibrated, seed: int) -> 
 
 
 def test_free_frames_tell_what_has_changed(known: Calibrated) -> None:
-    change = Change("zero and picture", picture_px=0.4, zero=10.0)
+    change = Drift(picture_shift_px=0.4, moment_zero=10.0)
     estimator = ContactEstimator(replace(known.rig, drift=LAB))
-    moved, still = (changed(known, each, 1).frames for each in (change, NOTHING))
+    moved, still = (changed(known, each, 1).frames for each in (change, Drift()))
     true_px = (moved[0].points_px - still[0].points_px).mean(axis=0)
     true_zero = moved[0].moment_Nm - still[0].moment_Nm
     list(estimator.run(moved))
@@ -100,7 +100,7 @@ def test_what_has_changed_is_said_where_the_lens_shows_a_part() -> None:
 
 
 def test_free_frames_give_back_what_drift_costs(known: Calibrated) -> None:
-    frames = changed(known, NOTHING, 2).frames
+    frames = changed(known, Drift(), 2).frames
     ignored, unseen, seen = (
         np.nanmedian([one.distance_std_m for one in estimated(known.rig, way, frames)[FREE:]])
         for way in (NONE, UNSEEN, SEEN)
