@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from targets.board import AprilGrid, BoardSpec, BoardWithIds, corner_points
 from vbaa_calib.geometry import Pose
-from vbaa_calib.simulate.render.board import Sheet, board_patch, print_sheet
+from vbaa_calib.simulate.render.board import Sheet, board_patches, print_sheet
 from vbaa_calib.simulate.render.picture import Studio, digitise, expose
 from vbaa_calib.simulate.scene.lens import Lens, project, ray_map
 from vbaa_calib.simulate.scene.scene import PictureSpec
@@ -67,8 +67,8 @@ def draw_board(
     ones = np.ones((side, side), np.float32)
     place = Studio(_picture_spec(conditions), ray_map(lens), np.float32(conditions.exposure) * ones, ones[:2, :2])
     # seen straight down, so that the board is lit alike in every picture
-    patch = board_patch(place, sheet, pose, np.diag([1.0, -1.0, -1.0]))
-    grey = expose(place, np.float32(BEHIND) * ones, [] if patch is None else [patch])
+    seen = board_patches(place, sheet, pose, np.diag([1.0, -1.0, -1.0]))
+    grey = expose(place, np.float32(BEHIND) * ones, seen)
     return DrawnBoard(grey, project(lens, pose @ corner_points(spec)), conditions)
 
 

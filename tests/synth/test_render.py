@@ -10,7 +10,7 @@ from targets.board import BoardSpec, corner_points, opencv_board
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.simulate.plan import _board_poses as board_poses
 from vbaa_calib.simulate.render.antenna import tube, tube_patches, visible_centreline
-from vbaa_calib.simulate.render.board import board_patch, print_sheet
+from vbaa_calib.simulate.render.board import board_patches, print_sheet
 from vbaa_calib.simulate.render.picture import Studio, digitise, expose, surroundings
 from vbaa_calib.simulate.scene.lens import Lens, invertible, normalise, project, ray_map
 from vbaa_calib.simulate.scene.scene import IntrinsicsSpec
@@ -127,8 +127,7 @@ def _corner_errors(lens: str, nearness: float, tilt_rad: float) -> np.ndarray:
     spec = IntrinsicsSpec(5, (0.23 / nearness, 0.40 / nearness), (0.14, tilt_rad))
     errors = []
     for pose in board_poses(scene.rays.lens, BOARD, spec, np.random.default_rng(1)):
-        patch = board_patch(scene, sheet, pose, DOWNWARD)
-        grey = expose(scene, surroundings(scene, DOWNWARD), [patch])
+        grey = expose(scene, surroundings(scene, DOWNWARD), board_patches(scene, sheet, pose, DOWNWARD))
         picture = digitise(scene.spec, grey, np.random.default_rng(0))
         found, ids, _, _ = detector.detectBoard(picture)
         true = project(scene.rays.lens, pose @ corner_points(BOARD))[ids.ravel()]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import cv2
 import numpy as np
@@ -13,7 +14,7 @@ from vbaa_calib.geometry import Pose
 from vbaa_calib.native import core
 from vbaa_calib.simulate.plan import AntennaShot, BoardShot
 from vbaa_calib.simulate.render.antenna import DepthOfObstacle, Tube, tube, tube_patches
-from vbaa_calib.simulate.render.board import Sheet, board_patch
+from vbaa_calib.simulate.render.board import Sheet, board_patches
 from vbaa_calib.simulate.render.object import object_patch, obstacle, pressed_in
 from vbaa_calib.simulate.render.picture import LAMP_WORLD, ImagePatch, Studio, digitise, expose, surroundings
 from vbaa_calib.simulate.scene.scene import Joints, OverSpec, SceneSpec, true_rod
@@ -78,13 +79,16 @@ def render_shot(
     """(height, width) uint8, the picture as the camera delivers it."""
     T_world_camera = scene.T_world_camera(shot.joints)
     canvas = surroundings(place, T_world_camera.rotation)
+    patches: Iterable[ImagePatch]
     if isinstance(shot, BoardShot):
-        board = board_patch(place, sheet, shot.T_camera_board, T_world_camera.rotation)
-        patches = [] if board is None else [board]
+        patches = board_patches(place, sheet, shot.T_camera_board, T_world_camera.rotation)
     else:
         antenna, *holder = wires_of(scene, shot.arclength_m, shot.points_m)
-        patches = _wire_patches(scene, place, antenna, T_world_camera, obstacle_of(scene, place, shot))
-        patches += [patch for wire in holder for patch in _wire_patches(scene, place, wire, T_world_camera)]
+        hidden_by = [obstacle_of(scene, place, shot), None]
+        patches = chain.from_iterable(
+            _wire_patches(scene, place, wire, T_world_camera, other)
+            for wire, other in zip([antenna, *holder], hidden_by, strict=False)
+        )
         thing = None if shot.indentation_m is None else object_patch(place, scene.object, T_world_camera)
         canvas = canvas if thing is None else thing.over(canvas)
     return digitise(place.spec, expose(place, canvas, patches), rng)
@@ -117,12 +121,11 @@ def render_over(
     T_world_camera = scene.T_world_camera(over.joints)
     T_camera_board = scene.T_antenna_camera.inverse() @ over.T_antenna_board(sheet.spec)
     canvas = surroundings(place, T_world_camera.rotation)
-    board = board_patch(place, sheet, T_camera_board, T_world_camera.rotation)
+    whole = board_patches(place, sheet, T_camera_board, T_world_camera.rotation, scene.lens.image_size[1])
     patches = [patch for wire in wires for patch in _wire_patches(scene, place, wire, T_world_camera)]
-    if board is not None and over.shadow > 0:
-        board = _shaded(scene, place, board, over, wires[0])
-    if board is not None:
-        patches = [board, *(_in_front(canvas, patch, board) for patch in patches)]
+    for board in whole:  # one at most
+        shaded = _shaded(scene, place, board, over, wires[0]) if over.shadow > 0 else board
+        patches = [shaded, *(_in_front(canvas, patch, shaded) for patch in patches)]
     return digitise(place.spec, expose(place, canvas, patches), rng)
 
 
@@ -133,16 +136,18 @@ def _in_front(canvas: np.ndarray, patch: ImagePatch, board: ImagePatch) -> Image
     brightness.
     """
     alpha, brightness = (_resampled(values, board, patch) for values in (board.alpha, board.brightness))
-    lacking = patch.alpha * (patch.behind(canvas) * alpha - brightness)
+    lacking = patch.alpha * patch.packed(patch.behind(canvas) * alpha - brightness)
     return replace(patch, brightness=(patch.brightness + lacking).astype(np.float32))
 
 
 def _resampled(values: np.ndarray, own: ImagePatch, other: ImagePatch) -> np.ndarray:
-    """Values of one patch's sub-pixels resampled to another's; zero outside the first."""
+    """Values of one patch resampled to another's sub-pixels, side by side; zero outside the first."""
     scale = own.factor / other.factor
     shift = (np.array([other.left - own.left, other.top - own.top])) * own.factor + 0.5 * scale - 0.5
     inner = np.array([[scale, 0.0, shift[0]], [0.0, scale, shift[1]]])
-    return cv2.warpAffine(values, inner, other.alpha.shape[::-1], flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+    return cv2.warpAffine(
+        own.laid_out(values), inner, other.alpha.shape[::-1], flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    )
 
 
 def _shaded(scene: SceneSpec, place: Studio, board: ImagePatch, over: OverSpec, wire: Strand) -> ImagePatch:
@@ -156,5 +161,5 @@ def _shaded(scene: SceneSpec, place: Studio, board: ImagePatch, over: OverSpec, 
     depth = float((scene.T_antenna_camera.inverse() @ shadow.points_m[len(fall) // 2])[2])
     soft = over.penumbra_m * float(np.diag(scene.lens.matrix)[:2].mean()) / depth * board.factor
     cover = cv2.GaussianBlur(np.sum(cast, axis=0), (0, 0), max(soft, 0.5))
-    dimmed = 1.0 - over.shadow * np.minimum(cover, 1.0)
+    dimmed = board.packed(1.0 - over.shadow * np.minimum(cover, 1.0))
     return replace(board, brightness=(board.brightness * dimmed).astype(np.float32))

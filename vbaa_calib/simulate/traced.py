@@ -26,6 +26,7 @@ from vbaa_calib.simulate.render.board import Sheet, outline
 from vbaa_calib.simulate.render.meshes import Triangles, object_mesh, tube_mesh
 from vbaa_calib.simulate.render.object import pressed_in
 from vbaa_calib.simulate.render.picture import Studio, blurred, digitise
+from vbaa_calib.simulate.render.settings import PAINT
 from vbaa_calib.simulate.scene.lens import RayMap
 from vbaa_calib.simulate.scene.objects import TouchObject
 from vbaa_calib.simulate.scene.scene import Joints, SceneSpec, Stretch
@@ -199,12 +200,12 @@ class _Tracer:
 
     def board(self, sheet: Sheet, T_world_board: Pose) -> Any:
         """The printed sheet as a mitsuba mesh."""
-        rows, columns = sheet.texture.shape[:2]
+        rows, columns = sheet.paper.shape
         corners = np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]]) / sheet.texels_per_m - sheet.margin_m
         vertices = self.at(T_world_board @ np.pad(corners, ((0, 0), (0, 1))))
         normals = np.tile(-T_world_board.rotation[:, 2], (4, 1))
         faces, uv = np.array([[0, 2, 1], [0, 3, 2]]), np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-        print_ = np.repeat(sheet.texture[..., :1] / np.float32(65535), 3, axis=2)
+        print_ = np.repeat(np.where(sheet.paper, PAINT.paper, PAINT.ink)[..., None], 3, axis=2)
         return _mesh(self.mi, Triangles(vertices, normals, faces), _matt(_picture_of(print_)), uv)
 
     def _sensor(self, one: Exposure) -> dict[str, Any]:

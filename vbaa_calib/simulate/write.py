@@ -40,7 +40,7 @@ def _antenna_mask(scene: SceneSpec, place: Studio, shot: AntennaShot) -> np.ndar
     mask = np.zeros((height, width), np.uint8)
     for patch in tube_patches(place, seen_antenna(scene, shot), 1.0, obstacle=obstacle_of(scene, place, shot)):
         region = mask[patch.where]
-        covered = cv2.resize(patch.alpha, region.shape[::-1], interpolation=cv2.INTER_AREA)
+        covered = cv2.resize(patch.laid_out(patch.alpha), region.shape[::-1], interpolation=cv2.INTER_AREA)
         region += np.rint(255 * np.clip(covered, 0.0, 1.0)).astype(np.uint8)
     return mask
 

@@ -175,19 +175,45 @@ Array<double, 2> rays_between(ConstCube padded, ConstMatrix pixels) {
 
 Array<float, 2> surroundings(ConstCube padded, const Rotation& R_world_camera, ConstPicture bench, double reach) {
     const int height = padded.shape[0] - 2, width = padded.shape[1] - 2, texels = bench.shape[0];
-    const int half = texels / 2;
-    constexpr double farthest = 1e6;  // texels from the bench's middle
-    const Rotation& turn = R_world_camera;
+    const int middle = texels / 2;
+    const auto half = static_cast<float>(middle), within = static_cast<float>(texels - 1);
+    const float scaled = half / static_cast<float>(reach);
+    constexpr float farthest = 1e6F;  // texels from the bench's middle
+    float turn[3][3];
+    for (int k = 0; k < 3; ++k) {
+        const Point& row = R_world_camera.rows[k];
+        turn[k][0] = static_cast<float>(row.x), turn[k][1] = static_cast<float>(row.y);
+        turn[k][2] = static_cast<float>(row.z);
+    }
     Array<float, 2> found(Unset{}, height, width);
-    std::vector<float> across(width), down(width);
+    std::vector<float> both(2 * width);
+    float* const __restrict across = both.data(), * const __restrict down = across + width;
+    const float* const bright = bench.data;
     for (int row = 0; row < height; ++row) {
         const double* const rays = &padded(row + 1, 1, 0);
         for (int column = 0; column < width; ++column) {
-            const Point at = turn.turned(Point{rays[2 * column], rays[2 * column + 1], 1.0});
+            const auto x = static_cast<float>(rays[2 * column]), y = static_cast<float>(rays[2 * column + 1]);
+            const float u = turn[0][0] * x + turn[0][1] * y + turn[0][2];
+            const float v = turn[1][0] * x + turn[1][1] * y + turn[1][2];
+            const float w = turn[2][0] * x + turn[2][1] * y + turn[2][2];
             // scaled by 1/n, not normalised first: u = dx / (|d| − dz)
-            const double scale = half / (reach * std::max(norm(at) - at.z, 1e-3));
-            across[column] = static_cast<float>(std::min(std::max(-farthest, at.x * scale + half), farthest));
-            down[column] = static_cast<float>(std::min(std::max(-farthest, at.y * scale + half), farthest));
+            const float scale = scaled / std::max(std::sqrt(u * u + v * v + w * w) - w, 1e-3F);
+            across[column] = std::min(std::max(-farthest, u * scale + half), farthest);
+            down[column] = std::min(std::max(-farthest, v * scale + half), farthest);
+        }
+        int beyond = 0;
+        for (int k = 0; k < 2 * width; ++k) beyond += both[k] < 0.0F || both[k] >= within ? 1 : 0;
+        float* const __restrict to = &found(row, 0);
+        if (beyond == 0) {
+            for (int column = 0; column < width; ++column) {
+                const float u = across[column], v = down[column];
+                const int left = static_cast<int>(u), top = static_cast<int>(v), at = top * texels + left;
+                const float a = u - static_cast<float>(left), b = v - static_cast<float>(top);
+                const float above = bright[at] + a * (bright[at + 1] - bright[at]);
+                const float below = bright[at + texels] + a * (bright[at + texels + 1] - bright[at + texels]);
+                to[column] = above + b * (below - above);
+            }
+            continue;
         }
         for (int column = 0; column < width; ++column) {
             const float u = across[column], v = down[column];
@@ -197,68 +223,80 @@ Array<float, 2> surroundings(ConstCube padded, const Rotation& R_world_camera, C
             const float *upper = &bench(mirrored(top, texels), 0), *lower = &bench(mirrored(top + 1, texels), 0);
             const float above = upper[lefts[0]] + a * (upper[lefts[1]] - upper[lefts[0]]);
             const float below = lower[lefts[0]] + a * (lower[lefts[1]] - lower[lefts[0]]);
-            found(row, column) = above + b * (below - above);
+            to[column] = above + b * (below - above);
         }
     }
     return found;
 }
 
 Array<float, 3> sheet_pixels(ConstCube padded, const Window& window, const Rotation& texel_from_ray,
-                             View<const std::uint16_t, 3> texels, double light) {
-    constexpr float whole = 1.0F / 65535.0F;
-    const float per_level = static_cast<float>(light) * whole;
-    const int factor = window.factor, columns = window.columns * factor, rows = window.rows * factor;
-    // with two empty texels around it, so that points beyond it need no test
-    const int sheet_rows = texels.shape[0] + 4, sheet_columns = texels.shape[1] + 4;
-    std::vector<std::uint32_t> sheet(static_cast<std::size_t>(sheet_rows) * sheet_columns);
-    for (int r = 0; r < texels.shape[0]; ++r)
-        for (int c = 0; c < texels.shape[1]; ++c)
-            sheet[static_cast<std::size_t>(r + 2) * sheet_columns + c + 2] =
-                texels(r, c, 0) | static_cast<std::uint32_t>(texels(r, c, 1)) << 16U;
-    const std::uint32_t* const one = sheet.data();
-    Array<float, 3> found(Unset{}, 2, rows, columns);
-    std::vector<float> across(columns), down(columns);
-    std::vector<double> x(window.columns + 2), y(window.columns + 2);
-    const double last_column = sheet_columns - 2.0, last_row = sheet_rows - 2.0;
-    for (int row = 0; row < rows; ++row) {
-        // the rays of this row, between those of the pixels' centres
-        const double v = (row + 0.5) / factor + window.top + 0.5;
-        const int above = static_cast<int>(v);
-        const double *const upper = &padded(above, window.left, 0), *const lower = &padded(above + 1, window.left, 0);
-        for (int column = 0; column < window.columns + 2; ++column) {
-            x[column] = upper[2 * column] + (v - above) * (lower[2 * column] - upper[2 * column]);
-            y[column] = upper[2 * column + 1] + (v - above) * (lower[2 * column + 1] - upper[2 * column + 1]);
+                             View<const std::uint32_t, 2> blocks, const Print& print) {
+    const int factor = window.factor, columns = window.columns, rows = window.rows * factor;
+    const int stride = blocks.shape[1];
+    const std::uint32_t* const paper = blocks.data;
+    const auto last_column = static_cast<float>(blocks.shape[1] - 1),
+               last_row = static_cast<float>(blocks.shape[0] - 1);
+    const int begin = print.begin * factor, end = print.end * factor;
+    const auto ink = static_cast<float>(print.ink), more = static_cast<float>(print.paper - print.ink);
+    Array<float, 3> found(Unset{}, 2, rows, factor * columns);
+    // homogeneous places on the sheet along a row of pixels' centres, and between two of these rows
+    std::array<std::vector<float>, 3> upper, lower, along;
+    for (int k = 0; k < 3; ++k)
+        upper[k].resize(columns + 2), lower[k].resize(columns + 2), along[k].resize(columns + 2);
+    const auto fill_row = [&](int row, std::array<std::vector<float>, 3>& places) {
+        const double* const rays = &padded(row, window.left, 0);
+        for (int column = 0; column < columns + 2; ++column) {
+            const Point at = texel_from_ray.turned(Point{rays[2 * column], rays[2 * column + 1], 1.0});
+            places[0][column] = static_cast<float>(at.x + 2.0 * at.z);
+            places[1][column] = static_cast<float>(at.y + 2.0 * at.z);
+            places[2][column] = static_cast<float>(at.z);
         }
+    };
+    for (int k = 0; k < 2; ++k) {
+        std::fill(&found(k, 0, 0), found.begin() + (k * rows + begin) * factor * columns, 0.0F);
+        std::fill(found.begin() + (k * rows + end) * factor * columns,
+                  found.begin() + (k + 1) * rows * factor * columns, 0.0F);
+    }
+    int filled = window.top + print.begin;
+    fill_row(filled, upper), fill_row(filled + 1, lower);
+    for (int row = begin; row < end; ++row) {
+        const double v = (row + 0.5) / factor + window.top + 0.5;
+        for (const int above = static_cast<int>(v); filled < above;) {
+            std::swap(upper, lower);
+            fill_row(++filled + 1, lower);
+        }
+        const auto b = static_cast<float>(v - filled);
+        for (int k = 0; k < 3; ++k)
+            for (int column = 0; column < columns + 2; ++column)
+                along[k][column] = upper[k][column] + b * (lower[k][column] - upper[k][column]);
         for (int i = 0; i < factor; ++i) {
             const double u = (i + 0.5) / factor + 0.5;
             const int on = static_cast<int>(u);
-            const double *const ray_x = &x[on], *const ray_y = &y[on], a = u - on;
-            for (int column = 0; column < window.columns; ++column) {
-                const Point ray = {ray_x[column] + a * (ray_x[column + 1] - ray_x[column]),
-                                   ray_y[column] + a * (ray_y[column + 1] - ray_y[column]), 1.0};
-                const Point at = texel_from_ray.turned(ray);
-                const double inverse = at.z > 0.0 ? 1.0 / at.z : 0.0;
-                const double to_right = std::min(std::max(0.0, at.x * inverse + 2.0), last_column);
-                const double to_below = std::min(std::max(0.0, at.y * inverse + 2.0), last_row);
-                across[column * factor + i] = static_cast<float>(at.z > 0.0 ? to_right : 0.0);
-                down[column * factor + i] = static_cast<float>(at.z > 0.0 ? to_below : 0.0);
+            const auto a = static_cast<float>(u - on);
+            const float *const x = &along[0][on], *const y = &along[1][on], *const z = &along[2][on];
+            float* const __restrict lit = &found(0, row, i * columns);
+            float* const __restrict there = &found(1, row, i * columns);
+            for (int column = 0; column < columns; ++column) {
+                const float depth = z[column] + a * (z[column + 1] - z[column]), inverse = 1.0F / depth;
+                const float right = (x[column] + a * (x[column + 1] - x[column])) * inverse;
+                const float below = (y[column] + a * (y[column + 1] - y[column])) * inverse;
+                const float in_front = depth > 0.0F ? 1.0F : 0.0F;
+                const float c = in_front * std::min(std::max(0.0F, right), last_column);
+                const float r = in_front * std::min(std::max(0.0F, below), last_row);
+                const int left = static_cast<int>(c), top = static_cast<int>(r);
+                const float p = c - static_cast<float>(left), q = r - static_cast<float>(top);
+                const std::uint32_t block = paper[top * stride + left];
+                const auto bit = [](std::uint32_t which) { return static_cast<float>(static_cast<int>(which & 1U)); };
+                const float one = bit(block), other = bit(block >> 1U), third = bit(block >> 2U),
+                            fourth = bit(block >> 3U);
+                const float first = one + p * (other - one), second = third + p * (fourth - third);
+                // what is on the sheet, from the middle of the last texel beyond it to that of the first one on it
+                const float wide = std::min(std::min(c - 1.0F, last_column - c), 1.0F);
+                const float high = std::min(std::min(r - 1.0F, last_row - r), 1.0F);
+                const float presence = std::max(wide, 0.0F) * std::max(high, 0.0F);
+                lit[column] = ink * presence + more * (first + q * (second - first));
+                there[column] = presence;
             }
-        }
-        float* const __restrict lit = &found(0, row, 0), * const __restrict there = &found(1, row, 0);
-        for (int column = 0; column < columns; ++column) {
-            const int left = static_cast<int>(across[column]), top = static_cast<int>(down[column]);
-            const float a = across[column] - static_cast<float>(left), c = down[column] - static_cast<float>(top);
-            const int at = top * sheet_columns + left;
-            const std::uint32_t p = one[at], q = one[at + 1], r = one[at + sheet_columns],
-                                s = one[at + sheet_columns + 1];
-            const auto low = [](std::uint32_t both) { return static_cast<float>(static_cast<int>(both & 0xffffU)); };
-            const auto high = [](std::uint32_t both) { return static_cast<float>(static_cast<int>(both >> 16U)); };
-            const auto between = [&](float k, float l, float m, float n) {
-                const float first = k + a * (l - k), second = m + a * (n - m);
-                return first + c * (second - first);
-            };
-            lit[column] = per_level * between(low(p), low(q), low(r), low(s));
-            there[column] = whole * between(high(p), high(q), high(r), high(s));
         }
     }
     return found;
@@ -280,13 +318,19 @@ Array<float, 2> blurred_change(ConstPicture canvas, ConstPicture brightness, Con
     std::vector<char> there(rows * factor);
     for (int row = 0; row < rows * factor; ++row) {
         const float *const own = &brightness(row, 0), *const part = &covered(row, 0);
-        int first = 0, last = wide;
-        while (first < wide && own[first] == 0.0F && part[first] == 0.0F) ++first;
-        while (last > first && own[last - 1] == 0.0F && part[last - 1] == 0.0F) --last;
-        if (first == last) continue;
+        int any = 0;
+        for (int k = 0; k < wide; ++k) any += own[k] != 0.0F || part[k] != 0.0F ? 1 : 0;
+        if (any == 0) continue;
         there[row] = 1;
         // pixels that the row lies in, and those that its blur reaches
-        const int inner = first / factor, outer = (last + factor - 1) / factor;
+        const auto empty = [&](int column) {
+            bool all = true;
+            for (int k = column; k < wide; k += columns) all = all && own[k] == 0.0F && part[k] == 0.0F;
+            return all;
+        };
+        int inner = 0, outer = columns;
+        while (empty(inner)) ++inner;
+        while (empty(outer - 1)) --outer;
         const int begin = std::max(inner - before - 1, 0), end = std::min(outer + before + 1, columns);
         const float v = (static_cast<float>(row) + 0.5F) / static_cast<float>(factor) - 0.5F;
         const int up = std::clamp(static_cast<int>(std::floor(v)), 0, rows - 1), low = std::min(up + 1, rows - 1);
@@ -301,11 +345,11 @@ Array<float, 2> blurred_change(ConstPicture canvas, ConstPicture brightness, Con
             const float u = (static_cast<float>(i) + 0.5F) / static_cast<float>(factor) + 0.5F;
             const int on = u < 1.0F ? 0 : 1;
             const float a = u - static_cast<float>(on), *const behind = &between[on];
+            const float *const bright = own + i * columns, *const share = part + i * columns;
             float* const __restrict phase = &phases[static_cast<std::size_t>(i) * padded + before];
             for (int column = inner; column < outer; ++column)
                 phase[column] =
-                    own[column * factor + i] -
-                    part[column * factor + i] * (behind[column] + a * (behind[column + 1] - behind[column]));
+                    bright[column] - share[column] * (behind[column] + a * (behind[column + 1] - behind[column]));
         }
         for (int t = 1; t <= before * factor; ++t) {
             at(-t) = at(reflected(-t, wide));
@@ -461,7 +505,7 @@ std::vector<TubePart> tube_parts(ConstMatrix curve, int width, int height, int r
                     cover[j] *= present, shade[j] *= present;
                 }
                 for (int j = 0; j < each; ++j) {
-                    const int y = (row - top) * factor + j / factor, x = (column - left) * factor + j % factor;
+                    const int y = (row - top) * factor + j / factor, x = j % factor * columns + column - left;
                     part.fine(0, y, x) = static_cast<float>(shade[j]);
                     part.fine(1, y, x) = static_cast<float>(cover[j]);
                 }

@@ -19,19 +19,26 @@ Array<double, 2> rays_between(ConstCube padded, ConstMatrix pixels);
 // (height, width) brightness where the rays of such a map end on a bench (T, T), see picture.py.
 Array<float, 2> surroundings(ConstCube padded, const Rotation& R_world_camera, ConstPicture bench, double reach);
 
-// Pixels [left, left + columns) × [top, top + rows) of a picture, each of so many sub-pixels along either axis.
+// Pixels [left, left + columns) × [top, top + rows) of a picture, each of so many sub-pixels along either axis. A row
+// of sub-pixels has the first one of all its pixels, then their second, and so on.
 struct Window {
     int left, top, columns, rows, factor;
 };
 
-// (2, rows·factor, columns·factor) brightness in some light, and presence, of a sheet's texels (R, C, 2), of which
-// 65535 is all, zero beyond it, where the rays of such a map meet it. texel_from_ray: (3, 3), of homogeneous
-// coordinates; what lies behind the camera has a negative last one.
+// Brightness of ink and paper in some light; the rows of a window's pixels in which there may be some.
+struct Print {
+    double ink, paper;
+    int begin, end;
+};
+// (2, rows·factor, factor·columns) brightness and presence of a sheet where the rays of such a map meet it. blocks:
+// (R + 3, C + 3) of each two by two of its texels, from the second beyond it on, which ones are paper: 1 the first, 2
+// the next in its row, 4 and 8 those below. texel_from_ray: (3, 3), of homogeneous coordinates; what lies behind the
+// camera has a negative last one.
 Array<float, 3> sheet_pixels(ConstCube padded, const Window& window, const Rotation& texel_from_ray,
-                             View<const std::uint16_t, 3> texels, double light);
+                             View<const std::uint32_t, 2> blocks, const Print& print);
 
 // (rows, columns) change of a canvas' blurred picture by a patch of sub-pixels in front of it: brightness (rows·factor,
-// columns·factor), weighted with the part that it covers, and that part.
+// factor·columns), weighted with the part that it covers, and that part.
 Array<float, 2> blurred_change(ConstPicture canvas, ConstPicture brightness, ConstPicture covered, const Window& window,
                                double sigma_px);
 
@@ -43,7 +50,7 @@ Array<std::uint8_t, 2> digitised(ConstPicture grey, double electrons_per_grey, d
 std::array<Array<double, 2>, 2> spline(ConstVector places, ConstMatrix points, ConstVector at);
 
 // What a stretch of a tube shows of itself in a picture, with room around it: left and top pixel, brightness and
-// covered part of its sub-pixels (2, rows·factor, columns·factor), and the depth (rows, columns) of the tube there.
+// covered part of its sub-pixels (2, rows·factor, factor·columns), and the depth (rows, columns) of the tube there.
 struct TubePart {
     int left, top;
     Array<float, 3> fine;

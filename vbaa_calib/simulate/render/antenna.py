@@ -94,13 +94,14 @@ def tube_patches(
     found = core.simulate.tube_parts(curve, size, place.room_px, factor, asymmetry)
     if obstacle is not None:
         covered = [np.nonzero(fine[1]) for _, _, fine, _ in found]
-        at = [np.stack([x, y], axis=1) for y, x in covered]
+        at = [(y, x % depth.shape[1], x // depth.shape[1]) for (y, x), (*_, depth) in zip(covered, found, strict=True)]
         pixels = [
-            (own + 0.5) / factor + [left - 0.5, top - 0.5] for own, (left, top, _, _) in zip(at, found, strict=True)
+            np.stack([left + column + (within + 0.5) / factor, top + (y + 0.5) / factor], axis=1) - 0.5
+            for (y, column, within), (left, top, _, _) in zip(at, found, strict=True)
         ]
         nearest = obstacle(np.concatenate([*pixels, np.zeros((0, 2))]))
-        for (_, _, fine, depth), (y, x) in zip(found, covered, strict=True):
-            hidden = nearest[: len(y)] < depth[y // factor, x // factor]
+        for (_, _, fine, depth), (y, column, _), (_, x) in zip(found, at, covered, strict=True):
+            hidden = nearest[: len(y)] < depth[y // factor, column]
             fine[:, y[hidden], x[hidden]], nearest = 0.0, nearest[len(y) :]
     return [ImagePatch(left, top, factor, *fine) for left, top, fine, _ in found]
 

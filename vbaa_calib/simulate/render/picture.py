@@ -5,7 +5,7 @@ Brightness is linear: 0 is black, 1 saturates the sensor.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
@@ -52,8 +52,8 @@ class ImagePatch:
     ----------
     left, top : its first pixel in the picture.
     factor : sub-pixels per pixel.
-    brightness, alpha : (rows·factor, columns·factor) float32, brightness already weighted with the covered part, and
-        the covered part.
+    brightness, alpha : (rows·factor, factor·columns) float32, brightness already weighted with the covered part, and
+        the covered part. A row has the first sub-pixel of all its pixels, then their second, and so on.
     """
 
     left: int
@@ -68,8 +68,16 @@ class ImagePatch:
         rows, columns = (length // self.factor for length in self.alpha.shape)
         return slice(self.top, self.top + rows), slice(self.left, self.left + columns)
 
+    def laid_out(self, values: np.ndarray) -> np.ndarray:
+        """(rows·factor, columns·factor) values of the sub-pixels side by side."""
+        return values.reshape(len(values), self.factor, -1).swapaxes(1, 2).reshape(values.shape)
+
+    def packed(self, values: np.ndarray) -> np.ndarray:
+        """Values of sub-pixels side by side in the patch's own order."""
+        return values.reshape(len(values), -1, self.factor).swapaxes(1, 2).reshape(values.shape)
+
     def behind(self, canvas: np.ndarray) -> np.ndarray:
-        """The part of the canvas behind the patch, in its sub-pixels."""
+        """The part of the canvas behind the patch, its sub-pixels side by side."""
         return cv2.resize(canvas[self.where], self.alpha.shape[::-1], interpolation=cv2.INTER_LINEAR)
 
     def over(self, canvas: np.ndarray) -> np.ndarray:
@@ -86,7 +94,7 @@ def studio(lens: Lens, spec: PictureSpec, rng: np.random.Generator) -> Studio:
 
 def _light(lens: Lens, spec: PictureSpec) -> np.ndarray:
     width, height = lens.image_size
-    u, v = np.meshgrid(np.linspace(-1.0, 1.0, width), np.linspace(-1.0, 1.0, height))
+    u, v = np.linspace(-1.0, 1.0, width), np.linspace(-1.0, 1.0, height)[:, None]
     corners = 1.0 - spec.vignette * (u**2 + v**2) / 2
     one_side = 1.0 - spec.gradient * (0.5 + 0.3 * u - 0.2 * v)
     return (corners * one_side).astype(np.float32)
@@ -147,7 +155,7 @@ def frame_around(place: Studio, pixels: np.ndarray) -> tuple[int, int, int, int]
     return int(left), int(top), int(right), int(bottom)
 
 
-def expose(place: Studio, canvas: np.ndarray, patches: Sequence[ImagePatch] = ()) -> np.ndarray:
+def expose(place: Studio, canvas: np.ndarray, patches: Iterable[ImagePatch] = ()) -> np.ndarray:
     """(height, width) float grey levels before noise and quantisation: the canvas with the patches in front, blurred
     and illuminated.
 

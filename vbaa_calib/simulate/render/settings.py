@@ -13,6 +13,7 @@ class _PaintSettings:
 
     antenna_subpixels: int = 4  # samples per pixel and axis, of the antenna
     board_subpixels: int = 3  # of the board
+    board_rows: int = 48  # of pixels, which are drawn and blurred before they leave the processor's cache
     ink: float = 0.05  # brightness of a board's ink
     paper: float = 0.88  # brightness of its paper
     margin_squares: float = 0.5  # width of the paper around the board, in its squares

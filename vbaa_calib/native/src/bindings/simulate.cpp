@@ -132,11 +132,14 @@ auto object_pixels(nb::handle body, const InVector& origin_m, const InMatrix& tu
 }
 
 auto sheet_pixels(const InCube& padded, std::array<int, 5> window, const InMatrix& texel_from_ray,
-                  const Numpy<const std::uint16_t, 3>& texels, double light) {
+                  const Numpy<const std::uint32_t, 2>& blocks, std::array<double, 2> print, std::array<int, 2> inked) {
     const auto where = window_of(padded, window);
-    require(texels.shape(2) == 2 && static_cast<double>(texels.size()) < 1e9, "texels are (R, C, 2)");
+    require(0 <= inked[0] && inked[0] < inked[1] && inked[1] <= where.rows, "a window has rows");
+    require(blocks.shape(0) > 3 && blocks.shape(1) > 3 && static_cast<double>(blocks.size()) < 1e9,
+            "a sheet has texels");
     auto map = read_from<Rotation, 2>(texel_from_ray);
-    return to_numpy(unlocked([&] { return simulate::sheet_pixels(view(padded), where, map, view(texels), light); }));
+    const simulate::Print printed = {print[0], print[1], inked[0], inked[1]};
+    return to_numpy(unlocked([&] { return simulate::sheet_pixels(view(padded), where, map, view(blocks), printed); }));
 }
 
 auto blurred_change(const InPlane& canvas, const InPlane& brightness, const InPlane& covered,
@@ -145,7 +148,7 @@ auto blurred_change(const InPlane& canvas, const InPlane& brightness, const InPl
     const int rows = static_cast<int>(brightness.shape(0)), columns = static_cast<int>(brightness.shape(1));
     require(factor > 0 && rows > 0 && columns > 0 && rows % factor == 0 && columns % factor == 0 &&
                 covered.shape(0) == brightness.shape(0) && covered.shape(1) == brightness.shape(1),
-            "brightness and what is covered are (rows·factor, columns·factor)");
+            "brightness and what is covered are (rows·factor, factor·columns)");
     require(left >= 0 && top >= 0 && left <= static_cast<int>(canvas.shape(1)) - columns / factor &&
                 top <= static_cast<int>(canvas.shape(0)) - rows / factor,
             "a patch lies in its canvas");
@@ -219,13 +222,13 @@ void bind_simulate(nb::module_& module) {
     room.def("object_pixels", &object_pixels, "(2, H, W) float32 brightness and presence of a white object.");
     room.def("rays_between", &rays_between, "(N, 2) x/z and y/z at pixels (N, 2).");
     room.def("surroundings", &surroundings, "(H, W) float32 brightness of the bench where the pixels' rays end.");
-    room.def("sheet_pixels", &sheet_pixels, "(2, H·F, W·F) float32 brightness and presence of a sheet's texels.");
+    room.def("sheet_pixels", &sheet_pixels, "(2, H·F, F·W) float32 brightness and presence of a sheet.");
     room.def("blurred_change", &blurred_change,
              "(H, W) float32 what a patch changes in the blurred picture behind it.");
     room.def("digitised", &digitised, "(H, W) uint8 grey levels with noise.");
     room.def("spline", &spline, "(M, D) values and slopes of the cubic spline through points.");
     room.def("tube_parts", &tube_parts,
-             "Of each stretch of a tube: left, top, brightness and covered part (2, H·F, W·F) float32, depth (H, W).");
+             "Of each stretch of a tube: left, top, brightness and covered part (2, H·F, F·W) float32, depth (H, W).");
     room.def("advance", &advance, "Contacts (B, 23) after a step with friction, and which were found (B,) uint8.");
     room.def("gripped", &gripped, "The grip that keeps Coulomb's law, two components.");
 }
