@@ -1071,9 +1071,9 @@ class RodSearch:
         odds = np.array([0.0, *(line.evidence for line in self.candidates)])
         shares = np.exp(odds - odds.max())
         shares /= shares.sum()  # the probabilities of no rod, and of each candidate
-        if shares[1:].max(initial=0.0) > self.settings.least_probability:
-            return self._directed(self.candidates[int(shares[1:].argmax())])
         known = self.clamp is not None and self.tip is not None
+        if shares[1:].max(initial=0.0) > self.settings.least_probability[known]:
+            return self._directed(self.candidates[int(shares[1:].argmax())])
         remedy = "check --clamp and --tip" if known else "give --clamp U,V and --tip U,V"
         if self.candidates:
             remedy += ", or choose with --candidate N"
