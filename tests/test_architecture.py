@@ -31,7 +31,7 @@ NATIVE = [path for kind in ("cpp", "hpp") for path in sorted((ROOT / "vbaa_calib
 CXX_CONSTANTS = re.compile(r"^(?:inline )?(?:constexpr|const) .*", re.MULTILINE)
 CXX_CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b(?=[^=;(,]*=)")
 MOST = {
-    "module constants": 771,
+    "module constants": 770,
     "class names used twice": 0,
     "classes": 418,
     "public names": 1084,

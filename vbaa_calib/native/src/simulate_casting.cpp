@@ -164,7 +164,7 @@ Hits cast_rays(const Body& body, const Point& origin_m, ConstMatrix directions) 
     return hits;
 }
 
-Array<float, 3> object_pixels(const Body& body, const Point& origin_m, const Rotation& turn, ConstCube padded,
+Array<float, 3> object_pixels(const Body& body, const Point& origin_m, const Rotation& turn, ConstRays padded,
                               const Window& window, const Light& light) {
     const int rows = window.rows, columns = window.columns, factor = window.factor, each = factor * factor;
     Array<float, 3> found(Unset{}, 2, rows, columns);
@@ -180,7 +180,7 @@ Array<float, 3> object_pixels(const Body& body, const Point& origin_m, const Rot
         }
     };
     for (int row = 0; row < rows; ++row) {
-        const double* const rays = &padded(window.top + row + 1, window.left + 1, 0);
+        const float* const rays = &padded(window.top + row + 1, window.left + 1, 0);
         for (int column = 0; column < columns; ++column) x[column] = rays[2 * column], y[column] = rays[2 * column + 1];
         look(columns);
         for (int column = 0; column < columns; ++column) {

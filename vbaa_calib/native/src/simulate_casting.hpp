@@ -34,7 +34,7 @@ struct Light {
 // (2, rows, columns) brightness of a white object, stains included and weighted with the part of the pixel that it
 // covers, and that part. The rays are those of a map as `rays_between` has it, which `turn` rotates into the world's
 // axes: one in a pixel's middle, `factor` squared where its neighbours see something else.
-Array<float, 3> object_pixels(const Body& body, const Point& origin_m, const Rotation& turn, ConstCube padded,
+Array<float, 3> object_pixels(const Body& body, const Point& origin_m, const Rotation& turn, ConstRays padded,
                               const Window& window, const Light& light);
 
 }  // namespace vbaa::simulate

@@ -152,11 +152,12 @@ std::vector<float> normal_numbers(int count) {
 
 }  // namespace
 
-std::array<double, 2> ray_between(ConstCube padded, double u, double v) {
+std::array<double, 2> ray_between(ConstRays padded, double u, double v) {
     u = std::min(std::max(0.0, u + 1.0), padded.shape[1] - 1.001);
     v = std::min(std::max(0.0, v + 1.0), padded.shape[0] - 1.001);
     const int column = static_cast<int>(u), row = static_cast<int>(v);
-    const double a = u - column, b = v - row, *upper = &padded(row, column, 0), *lower = &padded(row + 1, column, 0);
+    const double a = u - column, b = v - row;
+    const float *const upper = &padded(row, column, 0), *const lower = &padded(row + 1, column, 0);
     const auto on_axis = [&](int j) {
         const double above = (1 - a) * upper[j] + a * upper[j + 2], below = (1 - a) * lower[j] + a * lower[j + 2];
         return (1 - b) * above + b * below;
@@ -164,7 +165,7 @@ std::array<double, 2> ray_between(ConstCube padded, double u, double v) {
     return {on_axis(0), on_axis(1)};
 }
 
-Array<double, 2> rays_between(ConstCube padded, ConstMatrix pixels) {
+Array<double, 2> rays_between(ConstRays padded, ConstMatrix pixels) {
     Array<double, 2> rays(Unset{}, pixels.shape[0], 2);
     for (int i = 0; i < pixels.shape[0]; ++i) {
         const auto ray = ray_between(padded, pixels(i, 0), pixels(i, 1));
@@ -173,7 +174,7 @@ Array<double, 2> rays_between(ConstCube padded, ConstMatrix pixels) {
     return rays;
 }
 
-Array<float, 2> surroundings(ConstCube padded, const Rotation& R_world_camera, ConstPicture bench, double reach) {
+Array<float, 2> surroundings(ConstRays padded, const Rotation& R_world_camera, ConstPicture bench, double reach) {
     const int height = padded.shape[0] - 2, width = padded.shape[1] - 2, texels = bench.shape[0];
     const int middle = texels / 2;
     const auto half = static_cast<float>(middle), within = static_cast<float>(texels - 1);
@@ -190,9 +191,9 @@ Array<float, 2> surroundings(ConstCube padded, const Rotation& R_world_camera, C
     float* const __restrict across = both.data(), * const __restrict down = across + width;
     const float* const bright = bench.data;
     for (int row = 0; row < height; ++row) {
-        const double* const rays = &padded(row + 1, 1, 0);
+        const float* const rays = &padded(row + 1, 1, 0);
         for (int column = 0; column < width; ++column) {
-            const auto x = static_cast<float>(rays[2 * column]), y = static_cast<float>(rays[2 * column + 1]);
+            const float x = rays[2 * column], y = rays[2 * column + 1];
             const float u = turn[0][0] * x + turn[0][1] * y + turn[0][2];
             const float v = turn[1][0] * x + turn[1][1] * y + turn[1][2];
             const float w = turn[2][0] * x + turn[2][1] * y + turn[2][2];
@@ -229,7 +230,7 @@ Array<float, 2> surroundings(ConstCube padded, const Rotation& R_world_camera, C
     return found;
 }
 
-Array<float, 3> sheet_pixels(ConstCube padded, const Window& window, const Rotation& texel_from_ray,
+Array<float, 3> sheet_pixels(ConstRays padded, const Window& window, const Rotation& texel_from_ray,
                              View<const std::uint32_t, 2> blocks, const Print& print) {
     const int factor = window.factor, columns = window.columns, rows = window.rows * factor;
     const int stride = blocks.shape[1];
@@ -244,7 +245,7 @@ Array<float, 3> sheet_pixels(ConstCube padded, const Window& window, const Rotat
     for (int k = 0; k < 3; ++k)
         upper[k].resize(columns + 2), lower[k].resize(columns + 2), along[k].resize(columns + 2);
     const auto fill_row = [&](int row, std::array<std::vector<float>, 3>& places) {
-        const double* const rays = &padded(row, window.left, 0);
+        const float* const rays = &padded(row, window.left, 0);
         for (int column = 0; column < columns + 2; ++column) {
             const Point at = texel_from_ray.turned(Point{rays[2 * column], rays[2 * column + 1], 1.0});
             places[0][column] = static_cast<float>(at.x + 2.0 * at.z);

@@ -10,14 +10,15 @@
 namespace vbaa::simulate {
 
 using ConstPicture = View<const float, 2>;
+using ConstRays = View<const float, 3>;
 
 // x/z and y/z at a pixel, interpolated linearly in a map (height + 2, width + 2, 2) of the pixel centres with one pixel
 // more on every side; those at pixels (N, 2).
-std::array<double, 2> ray_between(ConstCube padded, double u, double v);
-Array<double, 2> rays_between(ConstCube padded, ConstMatrix pixels);
+std::array<double, 2> ray_between(ConstRays padded, double u, double v);
+Array<double, 2> rays_between(ConstRays padded, ConstMatrix pixels);
 
 // (height, width) brightness where the rays of such a map end on a bench (T, T), see picture.py.
-Array<float, 2> surroundings(ConstCube padded, const Rotation& R_world_camera, ConstPicture bench, double reach);
+Array<float, 2> surroundings(ConstRays padded, const Rotation& R_world_camera, ConstPicture bench, double reach);
 
 // Pixels [left, left + columns) × [top, top + rows) of a picture, each of so many sub-pixels along either axis. A row
 // of sub-pixels has the first one of all its pixels, then their second, and so on.
@@ -34,7 +35,7 @@ struct Print {
 // (R + 3, C + 3) of each two by two of its texels, from the second beyond it on, which ones are paper: 1 the first, 2
 // the next in its row, 4 and 8 those below. texel_from_ray: (3, 3), of homogeneous coordinates; what lies behind the
 // camera has a negative last one.
-Array<float, 3> sheet_pixels(ConstCube padded, const Window& window, const Rotation& texel_from_ray,
+Array<float, 3> sheet_pixels(ConstRays padded, const Window& window, const Rotation& texel_from_ray,
                              View<const std::uint32_t, 2> blocks, const Print& print);
 
 // (rows, columns) change of a canvas' blurred picture by a patch of sub-pixels in front of it: brightness (rows·factor,

@@ -107,9 +107,11 @@ def _bench(spec: PictureSpec, rng: np.random.Generator) -> np.ndarray:
         coarse = rng.standard_normal((cells, cells)).astype(np.float32)
         cloud += weight * cv2.resize(coarse, size, interpolation=cv2.INTER_CUBIC)
     cloud += 0.3 * cv2.GaussianBlur(rng.standard_normal(size).astype(np.float32), (0, 0), 1.0)
-    shapes = sum((_soft_shapes(rng, softness) for softness in (0.8, 2.0, 6.0)), np.zeros(size, np.float32))
-    brightness = spec.background * (1.0 + spec.clutter * (cloud + shapes))
-    return np.clip(brightness, 0.02 * spec.background, 1.0).astype(np.float32)
+    for softness in (0.8, 2.0, 6.0):
+        cloud += _soft_shapes(rng, softness)
+    cloud *= spec.background * spec.clutter
+    cloud += spec.background
+    return np.clip(cloud, 0.02 * spec.background, 1.0, out=cloud)
 
 
 def _soft_shapes(rng: np.random.Generator, softness: float) -> np.ndarray:

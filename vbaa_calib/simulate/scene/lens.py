@@ -67,7 +67,7 @@ class RayMap:
     Attributes
     ----------
     lens : the lens they belong to.
-    padded : (height + 2, width + 2, 2) x/z and y/z at the pixel centres, with one pixel more on every side.
+    padded : (height + 2, width + 2, 2) float32 x/z and y/z at the pixel centres, with one pixel more on every side.
     """
 
     lens: Lens
@@ -78,7 +78,7 @@ class RayMap:
 
         Between pixel centres the map is interpolated linearly: its bend within a pixel is below 1e-3 px.
         """
-        around = self.padded[top : bottom + 2, left : right + 2].astype(np.float32)
+        around = self.padded[top : bottom + 2, left : right + 2]
         size = (around.shape[1] * factor, around.shape[0] * factor)
         fine = cv2.resize(around, size, interpolation=cv2.INTER_LINEAR)
         return fine[factor:-factor, factor:-factor]
@@ -100,8 +100,8 @@ def ray_map(lens: Lens) -> RayMap:
     width, height = lens.image_size
     sizes = zip((height + 2, width + 2), coarse.shape, strict=False)
     down, across = (_between(np.arange(size) / step_px, count) for size, count in sizes)
-    rays = np.stack([down @ axis @ across.T for axis in np.moveaxis(coarse, 2, 0)], axis=-1)
-    if not (sound and _right_way_round(rays)):
+    rays = np.stack([(down @ axis @ across.T).astype(np.float32) for axis in np.moveaxis(coarse, 2, 0)], axis=-1)
+    if not sound:
         raise InputError("folds back or has a pole inside the picture", where="lens", remedy="distort less")
     return RayMap(lens, rays)
 

@@ -88,11 +88,13 @@ auto cast_rays(nb::handle body, const InVector& origin_m, const InMatrix& direct
     return arrays(hits.depths, hits.normals, hits.faces);
 }
 
-void check_map(const InCube& padded) {
+using InRays = Numpy<const float, 3>;
+
+void check_map(const InRays& padded) {
     require(padded.shape(0) > 2 && padded.shape(1) > 2 && padded.shape(2) == 2, "a map of rays is (H + 2, W + 2, 2)");
 }
 
-auto rays_between(const InCube& padded, const InMatrix& pixels) {
+auto rays_between(const InRays& padded, const InMatrix& pixels) {
     check_map(padded);
     require(pixels.shape(1) == 2, "pixels are (N, 2)");
     return to_numpy(simulate::rays_between(view(padded), view(pixels)));
@@ -100,7 +102,7 @@ auto rays_between(const InCube& padded, const InMatrix& pixels) {
 
 using InPlane = Numpy<const float, 2>;
 
-auto surroundings(const InCube& padded, const InMatrix& R_world_camera, const InPlane& bench, double reach) {
+auto surroundings(const InRays& padded, const InMatrix& R_world_camera, const InPlane& bench, double reach) {
     check_map(padded);
     require(bench.shape(0) > 1 && bench.shape(0) == bench.shape(1) && reach > 0.0,
             "a bench is (T, T), its reach above 0");
@@ -109,7 +111,7 @@ auto surroundings(const InCube& padded, const InMatrix& R_world_camera, const In
 }
 
 // left, top, columns, rows, factor
-simulate::Window window_of(const InCube& padded, std::array<int, 5> window) {
+simulate::Window window_of(const InRays& padded, std::array<int, 5> window) {
     check_map(padded);
     const simulate::Window where = {window[0], window[1], window[2], window[3], window[4]};
     require(where.left >= 0 && where.top >= 0 && where.columns > 0 && where.rows > 0 &&
@@ -120,7 +122,7 @@ simulate::Window window_of(const InCube& padded, std::array<int, 5> window) {
     return where;
 }
 
-auto object_pixels(nb::handle body, const InVector& origin_m, const InMatrix& turn, const InCube& padded,
+auto object_pixels(nb::handle body, const InVector& origin_m, const InMatrix& turn, const InRays& padded,
                    std::array<int, 5> window, const InVector& lamp, double ambient) {
     const auto where = window_of(padded, window);
     const auto drawn = body_of(body);
@@ -131,7 +133,7 @@ auto object_pixels(nb::handle body, const InVector& origin_m, const InMatrix& tu
         unlocked([&] { return simulate::object_pixels(drawn, origin, rotation, view(padded), where, light); }));
 }
 
-auto sheet_pixels(const InCube& padded, std::array<int, 5> window, const InMatrix& texel_from_ray,
+auto sheet_pixels(const InRays& padded, std::array<int, 5> window, const InMatrix& texel_from_ray,
                   const Numpy<const std::uint32_t, 2>& blocks, std::array<double, 2> print, std::array<int, 2> inked) {
     const auto where = window_of(padded, window);
     require(0 <= inked[0] && inked[0] < inked[1] && inked[1] <= where.rows, "a window has rows");
