@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from itertools import combinations_with_replacement
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
 
 from vbaa_calib.core.errors import Diagnosis, Severity
-from vbaa_calib.diagnose.decision import Explanation, Hypothesis
+from vbaa_calib.diagnose.decision import DecisionSettings, Explanation, Hypothesis
 from vbaa_calib.rig import WrenchSensor
 from vbaa_calib.session import READINGS as SENSED
 
@@ -324,11 +325,23 @@ READINGS = (
 def _explanations(case: Case) -> Iterator[Explanation[Case]]:
     """Alternative explanations of a recording: other readings or pictures, or a rig that has changed before or
     during it."""
-    found = [*_moments_explained(case), *_others_explained(case), *_shifts_explained(case)]
+    found = [*_moments_explained(case), *_others_explained(case)]
+    if not _explained(case, found):
+        found += _shifts_explained(case)
     yield from found
-    left = case.cost - max((one.log_odds for one in found), default=0.0)
-    if case.usual or left > RecordingSettings.usual * len(case.recorded):
+    if case.usual or not _explained(case, found):
         yield from _changes(case)
+
+
+def _explained(case: Case, found: Sequence[Explanation[Case]]) -> bool:
+    """Whether the likeliest of some explanations leaves no more than frames cost where all is as reported. That moments
+    are good for nothing leaves nothing, and explains little: what it gains must say so."""
+    best = max(found, key=attrgetter("log_odds"), default=None)
+    if best is None or best.log_odds < DecisionSettings.least_log_odds:
+        return False
+    if best.diagnosis.name in ("moment_dead", "moment_stuck"):
+        return case.cost - best.log_odds < RecordingSettings.usual * len(case.recorded)
+    return best.applied is not None and best.applied().usual
 
 
 def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
