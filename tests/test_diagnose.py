@@ -9,7 +9,7 @@ import pytest
 
 from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.core.least_squares import SQUARES, Linearised
-from vbaa_calib.diagnose.decision import Explanation, decide, diagnose
+from vbaa_calib.diagnose.decision import Explanation, causes, decide, diagnose
 
 ROWS, SIZE, EXTRA = 40, 4, 2
 
@@ -99,3 +99,13 @@ def test_a_second_mistake_is_sought_behind_the_first() -> None:
     found = diagnose(0, [table])
     assert [one.name for one in found][:2] == ["first", "second"]
     assert "third" in found[1].words
+
+
+def test_a_cause_that_leaves_a_misfit_is_the_nearest_only() -> None:
+    """As named where nothing is left; else not the only one, and of less than half of the misfit no name at all."""
+    found = [[offered("a", 20.0)]]
+    assert causes(found, left=0.0) == [found[0][0].diagnosis]
+    for left, name in ((10.0, "a"), (30.0, "unexplained")):
+        [most] = causes(found, left)
+        assert (most.name, most.severity) == (name, "wrong")
+        assert most.words != "a"

@@ -278,6 +278,37 @@ def _stuck(m: np.ndarray, rng: np.random.Generator, was: Recording) -> np.ndarra
     return np.full(len(m), float(m[rng.integers(len(m))]))
 
 
+def _compressed(m: np.ndarray, rng: np.random.Generator, was: Recording) -> np.ndarray:
+    """An amplifier that is not linear at the end of its range."""
+    most = rng.uniform(0.6, 0.9) * np.abs(m).max()
+    return np.asarray(most * np.tanh(m / most))
+
+
+def _part_of_z(m: np.ndarray, rng: np.random.Generator, was: Recording) -> np.ndarray:
+    """The same sensor, turned by 20° to 60° about the antenna."""
+    angle, zero = np.radians(_either(20.0, 60.0, rng)), was.worlds[0].offset_Nm
+    return np.asarray(zero + np.cos(angle) * (m - zero) + np.sin(angle) * (_about_z(m, rng, was) - zero))
+
+
+def _humming(m: np.ndarray, rng: np.random.Generator, was: Recording) -> np.ndarray:
+    size, way = rng.uniform(20.0, 60.0) * was.rig.moment_sensor.std_Nm, rng.uniform(0.06, 2.8)
+    return np.asarray(m + size * np.sin(way * np.arange(len(m)) + rng.uniform(0.0, 6.0)))
+
+
+def _pulled(m: np.ndarray, rng: np.random.Generator, was: Recording) -> np.ndarray:
+    """A cable that pulls as the tilt turns."""
+    return np.asarray(m + _either(20.0, 60.0, rng) * was.rig.moment_sensor.std_Nm * _noted(was, _READ[2:])[0])
+
+
+def _warming(m: np.ndarray, rng: np.random.Generator, was: Recording) -> np.ndarray:
+    walked = _either(20.0, 50.0, rng) * was.rig.moment_sensor.std_Nm
+    return np.asarray(m + walked * (1.0 - np.exp(-np.linspace(0.0, 4.0, len(m)))))
+
+
+def _reversed_later(m: np.ndarray, rng: np.random.Generator, was: Recording) -> np.ndarray:
+    return np.where(np.arange(len(m)) < rng.uniform(0.35, 0.65) * len(m), m, -m)
+
+
 def _saturated(m: np.ndarray, rng: np.random.Generator, was: Recording) -> np.ndarray:
     most = rng.uniform(0.15, 0.5) * np.abs(m).max()
     return np.clip(m, -most, most)
@@ -478,6 +509,7 @@ def _row(what: str, right: str, altered: Altered, must: str = NAMED, says: str =
 
 LATE = "pictures_late clock_offset"
 MOVED = "picture_moved camera_turned"
+UNLIKE = "moment_dead moment_unexplained"
 RECORDING = (
     _row("moment all 0", "moment_dead", _readings(lambda m, rng, was: 0.0 * m)),
     _row("moment stuck at a value", "moment_stuck", _readings(_stuck)),
@@ -538,11 +570,17 @@ RECORDING = (
     _row("tilt off by 3 to 20°", "joint_offset joints_untested", _joints(_off(0.05, 0.35)), REPORTED),
     _row("moment in steps of 15 to 60 std", "moment_rounded", _readings(_rounded)),
     _row("moment of every 2nd to 5th row", "moment_kept", _readings(_kept)),
-    _row("moment rows shuffled", "moment_noise moment_dead", _readings(lambda m, rng, was: rng.permutation(m))),
+    _row("moment rows shuffled", f"moment_noise {UNLIKE}", _readings(lambda m, rng, was: rng.permutation(m))),
     _row("moment 0 in 10 to 40 % of the rows", "moment_stuck", _readings(_dropped)),
     _row("moment's smallest tenth to third 0", "moment_stuck moment_kept", _readings(_dead_zone)),
-    _row("moment through a filter of 1.5 to 6 rows", f"{LATE} moment_late moment_dead", _readings(_filtered)),
+    _row("moment through a filter of 1.5 to 6 rows", f"{LATE} moment_late {UNLIKE}", _readings(_filtered)),
     _row("pictures shuffled", "pictures_shuffled", _pictures_of(lambda count, rng: rng.permutation(count))),
-    _row("moments backwards in time", "moment_late moment_dead", _readings(lambda m, rng, was: m[::-1]), DOUBTED),
+    _row("moments backwards in time", f"moment_late {UNLIKE}", _readings(lambda m, rng, was: m[::-1]), DOUBTED),
+    _row("moment not linear", f"moment_nonlinear {UNLIKE}", _readings(_compressed), DOUBTED),
+    _row("moment about an axis 20° to 60° off", "moment_turned moment_axis", _readings(_part_of_z), DOUBTED),
+    _row("moment with hum", f"moment_noise {UNLIKE}", _readings(_humming), DOUBTED),
+    _row("moment with a cable's pull", f"moment_by_joints {UNLIKE}", _readings(_pulled), DOUBTED),
+    _row("moment warms up by 20 to 50 std", f"moment_drift moment_zero {UNLIKE}", _readings(_warming), DOUBTED),
+    _row("moment reversed half way", f"moment_sign {UNLIKE}", _readings(_reversed_later), DOUBTED),
 )
 """The matrix's column of recordings. Edit the names of the findings here."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -35,6 +35,7 @@ class Change(NamedTuple):
     log_prior: float = 0.0  # against the other rows
     measures: int = 9  # how many of the parameters, the first ones, are its size
     starts: tuple[float, ...] = ()  # scales of the picture from which it is sought, too
+    by: Callable[[Recorded], np.ndarray | None] | None = None  # (F, K) what an error of the moments is linear in
 
     @property
     def factor(self) -> float:
@@ -232,11 +233,10 @@ class _Changed:
     """A fitted change: its size, in units of its row's standard deviations, and its evidence."""
 
     row: Change
-    axes: np.ndarray  # (18 + P, K)
     steps: np.ndarray  # (K,)
     covariance: np.ndarray  # (K, K)
     log_odds: float
-    recorded: Recorded  # with the rig so changed
+    recorded: Recorded  # with the rig so changed, or the readings put right
 
     @cached_property
     def size(self) -> float:
@@ -255,16 +255,29 @@ class _Changed:
         return self.row.words.format(f"{self.size:{sign}.3g} ± {spread:.2g} {self.row.unit}")
 
 
+_Start = tuple[np.ndarray, np.ndarray | None]
+"""Steps (K,) from which a change is sought, and a mask (F,) of frames that count as free of contact at first."""
+
+
 def fitted(case: Case, row: Change, axes: np.ndarray, first: int = 0) -> _Changed | None:
     """A row's change from the frame `first` on, by Gauss–Newton from no change, from what single frames and most frames
     would show if they are free, and from other scales of the picture. None where the frames do not determine it."""
+    if row.by is not None:
+        return _error_fitted(case, row, axes)
     few, begin, best = case, first, None
     if case.many_lost:
         # frames that nothing explains take long: a few of them lead there
         rows = np.arange(0, len(case.recorded), 2)
         few, begin = case.picked(rows), int(np.sum(rows < first))
+
+    def sought(case: Case, first: int, start: _Start) -> _Changed | None:
+        def changed(steps: np.ndarray) -> Recorded:
+            return case.recorded.with_rig(_moved(case.recorded.rig, row, axes @ steps), first)
+
+        return _descended(case, row, changed, (axes, case.since(first, axes.shape[1])), start)
+
     none = np.zeros(axes.shape[1])
-    starts: list[tuple[np.ndarray, np.ndarray | None]] = [(none, None)]
+    starts: list[_Start] = [(none, None)]
     if case.many_lost:
         starts += [(steps, None) for steps in few.by_one(axes, begin)]
     starts += [(none, free) for free in few.frees]
@@ -272,13 +285,29 @@ def fitted(case: Case, row: Change, axes: np.ndarray, first: int = 0) -> _Change
         matrix = case.recorded.rig.camera.matrix
         lens = np.array([1.0, matrix[0, 2], matrix[1, 2]]) / list(row.std.values())
         starts += [((scale - 1.0) * lens, np.ones(len(few.recorded), bool)) for scale in row.starts]
-    for steps, free in starts:
-        found = _descended(few, row, axes, steps, free, begin)
+    for start in starts:
+        found = sought(few, begin, start)
         if found is not None and (best is None or found.log_odds > best.log_odds):
             best = found
             if few.cost - best.log_odds < RecordingSettings.sound_cost * len(few.recorded):
                 break
-    return best if best is None or few is case else _descended(case, row, axes, best.steps, None, first)
+    return best if best is None or few is case else sought(case, first, (best.steps, None))
+
+
+def _error_fitted(case: Case, row: Change, axes: np.ndarray) -> _Changed | None:
+    """A row's error of the moments. axes : (18 + P, 1) of their zero."""
+    recorded, by = case.recorded, None if row.by is None else row.by(case.recorded)
+    if by is None:
+        return None
+    readings, unit_Nm = recorded.batch.readings_Nm, next(iter(row.std.values())) * recorded.rig.moment_sensor.std_Nm
+
+    def changed(steps: np.ndarray) -> Recorded:
+        return recorded.with_readings(
+            readings_Nm=np.column_stack([readings[:, 0] - unit_Nm * (by @ steps), readings[:, 1:]])
+        )
+
+    along = np.repeat(axes, by.shape[1], axis=1)
+    return _descended(case, row, changed, (along, by), (np.zeros(by.shape[1]), None))
 
 
 def _moved(rig: Rig, row: Change, step: np.ndarray) -> Rig:
@@ -289,18 +318,26 @@ def _moved(rig: Rig, row: Change, step: np.ndarray) -> Rig:
 
 
 def _descended(
-    case: Case, row: Change, axes: np.ndarray, steps: np.ndarray, free: np.ndarray | None, first: int
+    case: Case,
+    row: Change,
+    changed: Callable[[np.ndarray], Recorded],
+    along: tuple[np.ndarray, np.ndarray],
+    start: _Start,
 ) -> _Changed | None:
-    """The change from the frame `first` on that minimises the cost, by damped Gauss–Newton steps from `steps` (R,);
-    None where none improves it. free : (F,) mask of frames that count as free of contact in the first step."""
-    recorded, settings, cost, best = case.recorded, RecordingSettings, np.inf, None
+    """The change that minimises the cost, by damped Gauss–Newton steps; None where none improves it.
+
+    changed : the frames with steps (K,). along : the rig's parameters (18 + P, K) that the steps are like, and how much
+    of each step a frame has (F, K).
+    """
+    (axes, by), (steps, free) = along, start
+    settings, cost, best = RecordingSettings, np.inf, None
     for turn in range(settings.iterations):
         try:
-            now = recorded.with_rig(_moved(recorded.rig, row, axes @ steps), first) if steps.any() else recorded
+            now = changed(steps) if steps.any() else case.recorded
         except VbaaError:
             break  # no such lens
         together = weighed(now.fit, case.best, case.scale, axes, None if turn else free)
-        information, score = together.about_others(first)
+        information, score = together.about_others(by)
         unit = information + np.eye(len(steps))
         if not np.isfinite(unit).all():
             break
@@ -313,7 +350,7 @@ def _descended(
                 break
             cost = total
             odds = case.cost - cost - case.of_one(together)
-            best = _Changed(row, axes, steps, np.linalg.inv(unit), odds, now)
+            best = _Changed(row, steps, np.linalg.inv(unit), odds, now)
         steps = steps + np.linalg.solve(unit, score - steps)
         if not np.abs(steps).max() < settings.farthest:
             break

@@ -59,6 +59,7 @@ class Recorded:
         """The frames with changed columns of the batch."""
         return replace(self, batch=replace(self.batch, **columns))
 
+    @cached_property
     def without_moments(self) -> Recorded:
         """The frames without the moment sensors' readings."""
         return self.with_readings(readings_Nm=np.full_like(self.batch.readings_Nm, np.nan))
@@ -230,17 +231,19 @@ class _Weighed:
         """Cost of all frames and of the rig's steps."""
         return float(self.costs.sum() + 0.5 * self.steps @ self.steps)
 
-    def about_others(self, first: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    def about_others(self, by: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Information (Q, Q) and score (Q,) on the additional axes, with the rig's own eliminated.
 
-        first : frame from which on the rig has changed along them.
+        by : (F, Q) how much of a step along each a frame has; None: all of it.
         """
-        size, (whole, side) = len(self.steps), (values.sum(axis=0) for values in self.each)
-        later, later_side = (values[first:].sum(axis=0) for values in self.each)
-        across = later[size:, :size]
-        through = np.linalg.solve(whole[:size, :size] + np.eye(size), np.column_stack([across.T, side[:size]]))
-        left = later[size:, size:] - across @ through[:, :-1]
-        return 0.5 * (left + left.T), later_side[size:] - across @ through[:, -1]
+        size, (information, pull) = len(self.steps), self.each
+        share = np.ones((len(pull), pull.shape[1] - size)) if by is None else by
+        across = np.einsum("fq,fqr->qr", share, information[:, size:, :size])
+        own = np.einsum("fq,fp,fqp->qp", share, share, information[:, size:, size:])
+        whole, side = information[:, :size, :size].sum(axis=0), pull[:, :size].sum(axis=0)
+        through = np.linalg.solve(whole + np.eye(size), np.column_stack([across.T, side]))
+        left = own - across @ through[:, :-1]
+        return 0.5 * (left + left.T), (share * pull[:, size:]).sum(axis=0) - across @ through[:, -1]
 
 
 def weighed(
@@ -311,7 +314,7 @@ class Case:
         expected = 0.5 * np.maximum(recorded.fit.points, 1.0)
         rig = recorded.rig
         wide = rig.with_covariance(rig.covariance_with_tip + axes @ axes.T)
-        changed = recorded.without_moments().with_rig(wide).fit
+        changed = recorded.without_moments.with_rig(wide).fit
         least = np.minimum(changed.cost, recorded.fit.cost)
         free = changed.free & np.isfinite(changed.alone)
         best = np.where(np.isfinite(least), least, expected)
@@ -368,11 +371,17 @@ class Case:
         """Whether the frames' cost is that of most recordings in which everything is as reported."""
         return self.cost < RecordingSettings.usual * len(self.recorded)
 
+    @property
+    def beyond_usual(self) -> float:
+        """Log odds that something is wrong, whatever it is, over all being as reported."""
+        settings = RecordingSettings
+        return self.cost - settings.usual * len(self.recorded) - settings.vague
+
     @cached_property
     def changed(self) -> bool:
         """Whether the rig seems to have changed along any of its axes, to first order."""
-        each = range(self.axes.shape[1])
-        return any(gained > RecordingSettings.suspicious for axis in each for gained in self.gained(np.array([axis])))
+        each, whole = range(self.axes.shape[1]), self.since(0, 1)
+        return any(one > RecordingSettings.suspicious for axis in each for one in self.gained(np.array([axis]), whole))
 
     @property
     def splits(self) -> list[int]:
@@ -395,12 +404,19 @@ class Case:
         """(F,) mask of the frames that nothing explains."""
         return np.asarray(self.reported.costs > 0.9 * RecordingSettings.most)
 
-    def gained(self, columns: np.ndarray, first: int = 0) -> Iterator[float]:
-        """First-order log evidence of a change along these axes (indices) from frame `first` on. Where the frames fit
-        worse than usual, a second value for the part that most frames share."""
+    def since(self, first: int, count: int) -> np.ndarray:
+        """(F, count) how much of as many steps a frame has that hold from the frame `first` on."""
+        return np.repeat(np.arange(len(self.recorded))[:, None] >= first, count, axis=1).astype(float)
+
+    def gained(self, columns: np.ndarray, by: np.ndarray) -> Iterator[float]:
+        """First-order log evidence of a change along these axes (K indices), of which each frame has as much as `by`
+        (F, K) says. Where the frames fit worse than usual, a second value for the part that most frames share."""
         for together in (self.reported,) if self.usual else (self.reported, *self.as_free):
-            information, score = together.about_others(first)
-            found = score_test(information[np.ix_(columns, columns)], score[columns], 1.0)
+            size = len(together.steps)
+            which = np.append(np.arange(size), size + columns)
+            information, score = together.each
+            some = replace(together, each=(information[:, which[:, None], which], score[:, which]))
+            found = score_test(*some.about_others(by), 1.0)
             if found is not None:
                 yield found.log_evidence
 
@@ -419,7 +435,7 @@ class Case:
 
     def with_missing(self, other: Recorded) -> _Weighed:
         """The joint explanation of the same frames with other readings, of which some may be missing."""
-        lost = np.isfinite(self.recorded.batch.readings_Nm[:, 0]) & np.isnan(other.batch.readings_Nm[:, 0])
+        lost = np.isfinite(self.recorded.batch.readings_Nm[:, 0]) & np.isnan(other.batch.readings_Nm).all(axis=1)
         return self.together(other, lost * self.recorded.log_density_of_none)
 
     def gained_by(self, other: Recorded, log_density: float | np.ndarray = 0.0) -> float:

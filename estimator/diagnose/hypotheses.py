@@ -13,6 +13,7 @@ import numpy as np
 
 from vbaa_calib.core.errors import Diagnosis, Severity
 from vbaa_calib.diagnose.decision import DecisionSettings, Explanation, Hypothesis
+from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import WrenchSensor
 from vbaa_calib.session import READINGS as SENSED
 
@@ -35,11 +36,18 @@ class _Misread(NamedTuple):
     correct: Callable[[Recorded], Recorded | None]
     log_density: float = 0.0
     severity: Severity = "wrong"
+    log_prior: float = 0.0  # against the other rows
+    first: int = 0  # frame from which on it holds
 
     @property
     def of_moment(self) -> bool:
         """Whether the mistake concerns the moment."""
         return self.name.startswith("moment_")
+
+    @property
+    def may_begin(self) -> bool:
+        """Whether it may have begun in the middle of a recording, and concerns each reading by itself."""
+        return self.name in ("moment_sign", "moment_unit")
 
     @property
     def of_pictures(self) -> bool:
@@ -54,18 +62,21 @@ def _moments(change: Callable[[np.ndarray], np.ndarray], recorded: Recorded) -> 
     return recorded.with_readings(readings_Nm=np.column_stack([change(readings[:, 0]), readings[:, 1:]]))
 
 
-def _axis(sign: float, recorded: Recorded) -> Recorded | None:
-    """Hypothesis of a moment about z."""
+def _turned(angle_rad: float, recorded: Recorded) -> Recorded | None:
+    """Hypothesis of a sensor that is turned about the antenna, by 90° if its moment is about z."""
     rig, readings = recorded.rig, recorded.batch.readings_Nm
     if rig.wrench_sensor is not None or not np.isfinite(readings[:, 0]).any():
         return None
     other = np.full_like(readings, np.nan)
-    other[:, 1] = sign * readings[:, 0]
+    other[:, 1] = readings[:, 0]
     # its zero is as uncertain as of the sensor about y
     zero = list(rig.parameter_names).index("moment_offset_Nm")
     std_Nm = float(np.hypot(rig.moment_sensor.std_Nm, np.sqrt(rig.covariance[zero, zero])))
-    about_z = replace(rig, wrench_sensor=WrenchSensor.about_z(replace(rig.moment_sensor, std_Nm=std_Nm)))
-    return recorded.with_rig(about_z).with_readings(readings_Nm=other)
+    sensor = WrenchSensor.about_z(replace(rig.moment_sensor, std_Nm=std_Nm))
+    turn = Pose.from_rotvec(np.array([0.5 * np.pi - angle_rad, 0.0, 0.0]), np.zeros(3))
+    return recorded.with_rig(replace(rig, wrench_sensor=replace(sensor, T_antenna_sensor=turn))).with_readings(
+        readings_Nm=other
+    )
 
 
 def _absolute(recorded: Recorded) -> Recorded | None:
@@ -194,7 +205,6 @@ _UNITS = {
     9.80665e-5: "in gf·cm",
     0.112985: "in lbf·in",
 }
-_ROWS = "shift the column by a row, and check how readings and pictures are matched"
 READINGS = (
     _Misread(
         "moment_sign",
@@ -224,7 +234,7 @@ READINGS = (
             "moment_axis",
             f"the moment is read about {'+' if sign > 0 else '−'}z, not about y",
             "turn the sensor by 90° about the antenna, or give --moment-axis",
-            partial(_axis, sign),
+            partial(_turned, sign * 0.5 * np.pi),
         )
         for sign in (1.0, -1.0)
     ),
@@ -270,7 +280,12 @@ READINGS = (
         -1.0,
     ),
     *(
-        _Misread(name, f"{what} of the row {where}", _ROWS, partial(_a_row_off, which, rows))
+        _Misread(
+            name,
+            f"{what} of the row {where}",
+            "shift the column by a row, and check how readings and pictures are matched",
+            partial(_a_row_off, which, rows),
+        )
         for name, what, which, sign in (
             ("moment_late", "each moment belongs to the picture", slice(-2), 1.0),
             ("joints_late", "the joint angles belong to the picture", slice(-2, None), 1.0),
@@ -326,18 +341,18 @@ def _explanations(case: Case) -> Iterator[Explanation[Case]]:
     """Alternative explanations of a recording: other readings or pictures, or a rig that has changed before or
     during it."""
     found = [*_moments_explained(case), *_others_explained(case)]
-    if not _explained(case, found):
-        found += _shifts_explained(case)
     yield from found
-    if case.usual or not _explained(case, found):
+    yield from _errors_explained(case)
+    if not _explained(case, found):
+        yield from _shifts_explained(case)
         yield from _changes(case)
 
 
 def _explained(case: Case, found: Sequence[Explanation[Case]]) -> bool:
     """Whether the likeliest of some explanations leaves no more than frames cost where all is as reported. That moments
-    are good for nothing leaves nothing, and explains little: what it gains must say so."""
+    do not follow the antenna leaves nothing, and explains little: what it gains must say so."""
     best = max(found, key=attrgetter("log_odds"), default=None)
-    if best is None or best.log_odds < DecisionSettings.least_log_odds:
+    if best is None or best.log_odds < DecisionSettings.least_log_odds or best.diagnosis.name == "moment_unexplained":
         return False
     if best.diagnosis.name in ("moment_dead", "moment_stuck"):
         return case.cost - best.log_odds < RecordingSettings.usual * len(case.recorded)
@@ -345,87 +360,194 @@ def _explained(case: Case, found: Sequence[Explanation[Case]]) -> bool:
 
 
 def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
-    """Explanations by the moment readings: the sensor is dead or stuck, or a factor, sign, zero or order of them is
-    not as reported."""
+    """Explanations by the moment readings: they say nothing, or their sign, unit, axis or order is not as reported."""
     recorded, std = case.recorded, case.recorded.rig.moment_sensor.std_Nm
     read = recorded.batch.readings_Nm[:, 0]
     there = np.isfinite(read)
     if there.sum() < RecordingSettings.fewest_moments:
         return
-    without = recorded.without_moments()
+    without = recorded.without_moments
     constant = np.ptp(read[there]) <= 1e-3 * std
     none = 0.0 if constant else recorded.log_density_of_none
     gained = case.cost - case.cost_of(without, none) - RecordingSettings.vague * (not constant)
-    kind, words = "moment_dead", "the moment readings do not follow the antenna"
-    if constant:
-        zero = not read[there].any()
-        kind = "moment_dead" if zero else "moment_stuck"
-        words = f"all moment readings are {0 if zero else read[there][0]:.4g} N·m"
-    remedy = "connect the sensor and check its amplifier, or estimate with --no-moment"
-    found = Diagnosis(kind, f"{words}, which the pictures contradict", remedy, "wrong")
-    yield Explanation(found, gained, partial(case.explained_by, without))
+    yield Explanation(_useless(case, constant), gained, partial(case.explained_by, without))
     if constant:
         return
     expected, own = without.fit.moments
     # where the picture does not know the moment, a reading's unit is not for the frame to tell
     known = own < RecordingSettings.knows * float(np.ptp(read[there]))
 
-    def cost(moments: np.ndarray) -> float:
-        """Cost of moments by the pictures' predictions alone."""
+    def costs(moments: np.ndarray) -> np.ndarray:
+        """(F,) costs of moments by the pictures' predictions alone."""
         variance = std**2 + own**2
-        off = np.where(np.isfinite(variance), (moments - expected) ** 2 / variance, 0.0)
-        return float(np.minimum(0.5 * off[there], RecordingSettings.most).sum())
+        off = np.where(there & np.isfinite(variance), (moments - expected) ** 2 / variance, 0.0)
+        return np.minimum(0.5 * off, RecordingSettings.most)
 
-    reported, likely = cost(read), list[tuple[float, _Misread, Recorded]]()
+    reported, likely = costs(read), list[tuple[float, _Misread, Recorded]]()
     some = np.arange(0, len(read), RecordingSettings.thinned)
     few, predicted = case.picked(some), np.isfinite(np.median(own[there]))
-    if (drifting := _drifting(recorded, read - expected, np.hypot(std, own))) is not None:
-        likely.append((np.inf, *drifting))
     for row in READINGS:
         corrected = row.correct(recorded) if row.of_moment else None
         if corrected is None or not _differs(corrected, recorded):
             continue
+        if corrected.rig is recorded.rig and row.may_begin:
+            each = reported - costs(corrected.batch.readings_Nm[:, 0]) + row.log_density * known
+            likely += _later(recorded, row, corrected, each)
         # neighbours' moments fit as usual where most pictures allow a mirror image and predict none
         if not case.usual or (row.name == "moment_late" and not predicted):
             gained = few.cost - few.cost_of(corrected.picked(some), row.log_density * known[some])
         else:
             # about other axes the pictures' moments say nothing
-            gained = reported - cost(corrected.batch.readings_Nm[:, 0])
+            gained = float((reported - costs(corrected.batch.readings_Nm[:, 0])).sum())
         if gained > RecordingSettings.hinted:
             likely.append((gained, row, corrected))
     yield from _compared(case, likely, known)
 
 
-def _drifting(recorded: Recorded, off: np.ndarray, std: np.ndarray) -> tuple[_Misread, Recorded] | None:
-    """Hypothesis of a drifting zero of the moments, by the line through their differences (F,) from the pictures'
-    predictions."""
-    weights = np.where(np.isfinite(off) & np.isfinite(std), 1.0 / std, 0.0)
-    if (weights > 0.0).sum() < RecordingSettings.fewest_moments or not np.ptp(recorded.order):
-        return None
-    share = (recorded.order - recorded.order[0]) / np.ptp(recorded.order)
-    design = np.column_stack([np.ones_like(share), share])
-    for _ in range(10):
-        (_, walk), *_ = np.linalg.lstsq(
-            design * weights[:, None], np.where(weights > 0, off, 0.0) * weights, rcond=None
+def _useless(case: Case, constant: bool) -> Diagnosis:
+    """Diagnosis of moments that are all alike, do not follow the pictures, or follow them in a way that none of the
+    table's rows describes."""
+    remedy = "connect the sensor and check its amplifier, or estimate with --no-moment"
+    read, std = case.recorded.batch.readings_Nm[:, 0], case.recorded.rig.moment_sensor.std_Nm
+    if constant:
+        value = read[np.isfinite(read)][0]
+        words = f"all moment readings are {value:.4g} N·m, which the pictures contradict"
+        return Diagnosis("moment_stuck" if value else "moment_dead", words, remedy, "wrong")
+    expected, own = case.recorded.without_moments.fit.moments
+    known = np.isfinite(read) & (own < RecordingSettings.knows * float(np.nanmax(read) - np.nanmin(read)))
+    if known.sum() < RecordingSettings.fewest_moments:
+        words = "the moment readings contradict the pictures, in a way that none of the known causes explains"
+        return Diagnosis("moment_unexplained", words, remedy, "wrong")
+    alike = float(np.corrcoef(read[known], expected[known])[0, 1])
+    off_std = float(np.median(np.abs(read - expected - np.median((read - expected)[known]))[known])) / std
+    if abs(alike) > RecordingSettings.alike:
+        words = (
+            f"the moment readings differ from the pictures' by {off_std:.0f} standard deviations of their noise in "
+            f"half of the frames, though they go with them (correlation {alike:.2f}), and none of the known causes "
+            "explains that"
         )
-        left = np.where(
-            weights > 0.0, off - design @ [np.median(off[weights > 0] - walk * share[weights > 0]), walk], 0.0
-        )
-        weights = np.where(weights > 0.0, 1.0 / (std * (1.0 + (left / (3.0 * std)) ** 2)), 0.0)
-    noise = recorded.rig.moment_sensor.std_Nm
-    if not abs(walk) > RecordingSettings.varies_std * noise:
-        return None
-    words = (
-        f"the moment sensor's zero walks by {walk / noise:+.0f} standard deviations of its noise during the recording"
+        remedy = "look for hum, a filter, play or another range of the sensor, or estimate with --no-moment"
+        return Diagnosis("moment_unexplained", words, remedy, "wrong")
+    words = f"the moment readings do not follow the antenna (correlation {alike:.2f} with what the pictures show)"
+    return Diagnosis("moment_dead", words, remedy, "wrong")
+
+
+def _later(
+    recorded: Recorded, row: _Misread, corrected: Recorded, gained: np.ndarray
+) -> list[tuple[float, _Misread, Recorded]]:
+    """A mistake of the moments that holds from some frame on, if the frames' gains (F,) by it are larger so."""
+    after = np.cumsum(gained[::-1])[::-1]
+    first, less = int(np.argmax(after)), float(np.log(len(gained)))
+    if not RecordingSettings.fewest_after <= first <= len(gained) - RecordingSettings.fewest_after:
+        return []
+    if after[first] - after[0] < less + RecordingSettings.unlikely:
+        return []
+    readings = np.where(
+        np.arange(len(gained))[:, None] < first, recorded.batch.readings_Nm, corrected.batch.readings_Nm
     )
-    row = _Misread("moment_drift", words, "let it warm up, or give --track-zero", lambda _: None)
-    readings = recorded.batch.readings_Nm - np.pad((walk * share)[:, None], ((0, 0), (0, 5)))
-    return row, recorded.with_readings(readings_Nm=readings)
+    words = f"{row.words}, from row {recorded.order[first]} on"
+    since = row._replace(words=words, log_prior=row.log_prior - less, first=first)
+    return [(float(after[first]), since, recorded.with_readings(readings_Nm=readings))]
+
+
+def _in_time(powers: int, recorded: Recorded) -> np.ndarray | None:
+    order = recorded.order - recorded.order[0]
+    return np.power.outer(order / order[-1], np.arange(1, powers + 1)) if order[-1] else None
+
+
+def _in_load(recorded: Recorded) -> np.ndarray:
+    read = np.nan_to_num(recorded.batch.readings_Nm[:, 0])
+    return np.power.outer(read / np.abs(read).max(), np.arange(1, 4))
+
+
+def _in_joints(recorded: Recorded) -> np.ndarray | None:
+    angles = np.column_stack([recorded.batch.pan_rad, recorded.batch.tilt_rad])
+    angles = angles[:, np.ptp(angles, axis=0) > RecordingSettings.joints_rad]
+    return (angles - angles.mean(axis=0)) / np.ptp(angles, axis=0) if angles.size else None
+
+
+def _in_direction(recorded: Recorded) -> np.ndarray | None:
+    change = recorded.batch.readings_Nm[:, 0] - recorded.around[:, 0, 0, 0]
+    return np.sign(np.nan_to_num(change))[:, None] if np.isfinite(recorded.period_s) else None
+
+
+ERRORS = (
+    Change(
+        "moment_drift",
+        {"moment_offset_Nm": RecordingSettings.error_std},
+        "the moment sensor's zero walks by {} standard deviations of its noise during the recording",
+        "let it warm up, or give --track-zero",
+        "standard deviations",
+        RecordingSettings.varies_std,
+        by=partial(_in_time, 1),
+    ),
+    Change(
+        "moment_drift",
+        {"moment_offset_Nm": RecordingSettings.error_std},
+        "the moment sensor's zero walks by {} standard deviations of its noise during the recording, not evenly",
+        "let it warm up, or give --track-zero",
+        "standard deviations",
+        RecordingSettings.varies_std,
+        by=partial(_in_time, 3),
+    ),
+    Change(
+        "moment_nonlinear",
+        {"moment_offset_Nm": RecordingSettings.error_std},
+        "the moments are not in proportion to the pictures', by up to {} standard deviations of its noise",
+        "use sensor and amplifier within the range in which they are linear",
+        "standard deviations",
+        RecordingSettings.varies_std,
+        by=_in_load,
+    ),
+    Change(
+        "moment_by_joints",
+        {"moment_offset_Nm": RecordingSettings.error_std},
+        "the moment sensor's zero changes with the joints, by {} standard deviations of its noise: a cable "
+        "pulls, or weight hangs behind the sensor",
+        "fasten the cable so that it moves with the sensor",
+        "standard deviations",
+        RecordingSettings.varies_std,
+        by=_in_joints,
+    ),
+    Change(
+        "moment_hysteresis",
+        {"moment_offset_Nm": RecordingSettings.error_std},
+        "the moments stay behind the pictures', by {} standard deviations of its noise, whichever way they change",
+        "look for friction and play between clamp, sensor and base, and for a cable that pulls",
+        "standard deviations",
+        RecordingSettings.varies_std,
+        by=_in_direction,
+    ),
+)
+"""Errors of the moment that follow time, load, joints or direction."""
+
+
+def _errors_explained(case: Case) -> Iterator[Explanation[Case]]:
+    """Explanations by errors of the moment that follow something else, fitted with all frames together."""
+    recorded, settings = case.recorded, RecordingSettings
+    read = recorded.batch.readings_Nm[:, 0]
+    varies = np.ptp(read[np.isfinite(read)]) if np.isfinite(read).sum() >= settings.fewest_moments else 0.0
+    axes, which = axes_of(recorded.rig, CHANGES)
+    zero = which[[row.name for row in CHANGES].index("moment_zero")]
+    if varies <= 1e-3 * recorded.rig.moment_sensor.std_Nm or not len(zero):
+        return
+    for row in ERRORS:
+        by = None if row.by is None else row.by(recorded)
+        if by is None:
+            continue
+        if case.usual and max(case.gained(np.repeat(zero, by.shape[1]), by), default=0.0) < settings.promising:
+            continue
+        found = fitted(case, row, axes[:, zero])
+        size = 0.0 if found is None else settings.error_std * float(np.ptp(by @ found.steps))
+        if found is not None and size > row.least:
+            diagnosis = Diagnosis(row.name, row.words.format(f"{size:.0f}"), row.remedy, row.severity)
+            odds = found.log_odds - settings.unlikely
+            yield Explanation(diagnosis, odds, partial(case.explained_by, found.recorded))
 
 
 def _others_explained(case: Case) -> Iterator[Explanation[Case]]:
     """Explanations by joints and pictures that are not as reported, compared by few frames first."""
-    likely = []
+    likely = list[tuple[float, _Misread, Recorded]]()
     for row, gained in _tried(case):
         of_shift = row.name == "joint_offset" and not case.usual  # its value is sought
         if gained > RecordingSettings.hinted and not of_shift and (whole := row.correct(case.recorded)) is not None:
@@ -439,17 +561,19 @@ def _shifts_explained(case: Case) -> Iterator[Explanation[Case]]:
     if case.usual:
         return
     rows = settings.lag_step, np.arange(1.0, settings.lag_most + 1.0)
+    turns = settings.turn_step_rad, np.linspace(settings.turn_step_rad, settings.turn_most_rad, 4)
     angles = settings.joint_step_rad, np.geomspace(4.0 * settings.joint_step_rad, settings.joint_most_rad, 5)
     later, stamps = "the {} are {{}} the pictures that they are listed with: {}".format, "take stamps of one clock"
-    zero = "set the encoder's zero as it was at the calibration"
+    zero, aligned = "set the encoder's zero as it was at the calibration", "turn it back, or calibrate again"
     calm = case.picked(_interpolable(case.recorded))
     of_all, of_moments = partial(_lagged, slice(None)), partial(_lagged, slice(-2))
     for name, words, remedy, changed, (step, far) in (
         ("clock_offset", later("readings", "the clocks differ"), f"{stamps}, or give --clock-offset", of_all, rows),
         ("moment_late", later("moments", "the sensor's delay or clock"), f"{stamps}, and no filter", of_moments, rows),
         ("joint_offset", "the tilt is off by {}", zero, _tilted, angles),
+        ("moment_turned", "the moment sensor has been turned about the antenna by {}", aligned, _turned, turns),
     ):
-        of_clock = changed is not _tilted
+        of_clock = changed in (of_all, of_moments)
         if of_clock and not np.isfinite(period_s):
             continue  # between frames of their own a reading means nothing
         found = [(case, *_least_cost(case, changed, step, far))]
@@ -458,10 +582,15 @@ def _shifts_explained(case: Case) -> Iterator[Explanation[Case]]:
             found.append((calm, *_least_cost(calm, changed, step, np.ones(1))))
         some, value, std, gained = max(found, key=lambda each: each[-1])
         corrected, few = changed(value, case.recorded), changed(value, some.recorded)
-        if corrected is None or few is None or not abs(value) > 2.0 * std:
+        least = settings.turn_least_rad if changed is _turned else 0.0
+        if corrected is None or few is None or not abs(value) > max(2.0 * std, least):
             continue
         gained -= some.of_one(some.with_missing(few))
-        size = f"{np.degrees(-value):+.2g} ± {np.degrees(std):.1g}°"
+        if few.rig.wrench_sensor is not None and changed is _turned:
+            # its zero, as uncertain in each frame by itself, must not make up for noise
+            spread = float(few.rig.wrench_sensor.std[0]) / few.rig.moment_sensor.std_Nm
+            gained -= len(few) * float(np.log(spread))
+        size = f"{np.degrees(value if changed is _turned else -value):+.2g} ± {np.degrees(std):.1g}°"
         if of_clock:
             size = f"{abs(value) * period_s:.3g} ± {std * period_s:.1g} s {'before' if value > 0.0 else 'behind'}"
         diagnosis = Diagnosis(name, words.format(size), remedy, "wrong")
@@ -555,11 +684,14 @@ def _compared(
     counts."""
     counts = np.ones(len(case.recorded)) if known is None else known
     ranked = sorted(likely, key=lambda each: -each[0])
-    unranked = sum(np.isinf(gained) for gained, *_ in ranked)
+    unranked = sum(np.isinf(each[0]) for each in ranked)
     for _, row, corrected in ranked[: unranked + RecordingSettings.followed]:
-        gained = case.gained_by(corrected, row.log_density * counts)
+        concerned = counts * (np.arange(len(counts)) >= row.first)
+        gained = case.gained_by(corrected, row.log_density * concerned) + row.log_prior
         found = Diagnosis(row.name, row.words, row.remedy, row.severity)
-        yield Explanation(found, gained - RecordingSettings.unlikely, partial(case.explained_by, corrected))
+        begin = int(case.recorded.order[row.first]) if row.first else 0
+        odds = gained - RecordingSettings.unlikely
+        yield Explanation(found, odds, partial(case.explained_by, corrected), first=begin)
 
 
 def _differs(corrected: Recorded, recorded: Recorded) -> bool:
@@ -613,7 +745,7 @@ def _changes(case: Case) -> Iterator[Explanation[Case]]:
         (gained - (fair if first else 0.0), first, row, own)
         for first in places
         for row, own in rows
-        for gained in case.gained(own, first)
+        for gained in case.gained(own, case.since(first, len(own)))
     ]
     ranked.sort(key=lambda each: -each[0])
     if ranked and case.lost.mean() > settings.hopeless:

@@ -115,7 +115,9 @@ class RigWatch:
             **dict.fromkeys(
                 ("picture_moved", "camera_turned", "camera_moved", "focus_changed", "picture_scaled"), "camera"
             ),
-            **dict.fromkeys(("moment_gain", "moment_zero", "moment_dead", "moment_stuck"), "sensor"),
+            **dict.fromkeys(
+                ("moment_gain", "moment_zero", "moment_dead", "moment_stuck", "moment_unexplained"), "sensor"
+            ),
         }
         cause = next((one for one in found.verdict.findings if sure and one.grave and one.name in parts), None)
         part = "" if cause is None else parts[cause.name]

@@ -46,6 +46,11 @@ class RecordingSettings:
     joint_step_rad: float = 0.0175  # scale of the prior (Cauchy) of an encoder's zero
     joint_most_rad: float = 0.5  # error of an encoder's zero up to which it is sought
     joint_far_rad: float = 0.05  # error of the tilt that must be reported: a twentieth of the reach
+    turn_step_rad: float = 0.35  # scale of the prior (Cauchy) of a sensor's turn about the antenna
+    turn_least_rad: float = 0.1  # smaller turns hardly show
+    turn_most_rad: float = 1.4  # largest turn that is sought: 90° is another axis
+    error_std: float = 100.0  # prior standard deviation of an error of the moment, in those of its noise
+    alike: float = 0.5  # correlation with the pictures' moments from which readings follow the antenna
     lag_step: float = 0.3  # scale of the prior (Cauchy) of a clock's error, rows
     lag_most: int = 16  # largest error of a clock that is sought, rows: a camera's delay at 100 Hz
     bends_std: float = 8.0  # second difference of moments, over their noise, up to which they can be interpolated

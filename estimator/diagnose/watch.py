@@ -19,7 +19,7 @@ from estimator.table.overview import Overview
 from vbaa_calib.core.arrays import spread_evenly
 from vbaa_calib.core.errors import Diagnosis, Severity, Verdict
 from vbaa_calib.core.robust import NORMAL_QUARTILE
-from vbaa_calib.diagnose.decision import DecisionSettings, explained, joined
+from vbaa_calib.diagnose.decision import DecisionSettings, causes, explained
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Drift, Frame, numbers_of
 
@@ -271,26 +271,26 @@ class RecordingWatch:
             rows += [row for _, own in saturated for row in own]
             unlike, late = self._unlike()
             if any(one.grave for one in unlike) and not late:
-                recorded = recorded.without_moments()
+                recorded = recorded.without_moments
             case = Case.of(recorded, axes_of(recorded.rig, CHANGES)[0])
             rounds, left = explained(case, TABLE)
             of_other_rows = {"moment_late", "pictures_late", "clock_offset", "joints_late"}
             if late and not {one.diagnosis.name for best in rounds for one in best} & of_other_rows:
-                case = Case.of(recorded.without_moments(), axes_of(recorded.rig, CHANGES)[0])
+                case = Case.of(recorded.without_moments, axes_of(recorded.rig, CHANGES)[0])
                 rounds, left = explained(case, TABLE)
             elif late:
                 unlike = []
             coarse = [*coarse, *unlike]
             stuck = [one for one, _ in saturated if one.name == "moment_stuck"]
             found += [*coarse, *(one for one, _ in saturated if one not in stuck)]
-            causes, log_odds = [joined(best) for best in rounds], rounds[0][0].log_odds if rounds else 0.0
+            named, log_odds = causes(rounds, left.beyond_usual), rounds[0][0].log_odds if rounds else 0.0
             grave = [best[0] for best in rounds if best[0].diagnosis.grave]
             # a cause of all is one of single rows, too
             found = found if grave else [*found, *self._of_rows()]
-            found = [*causes, *found] if not found or not found[0].grave else [*found, *causes]
+            found = [*named, *found] if not found or not found[0].grave else [*found, *named]
             found += stuck  # at either end of the recording a wrong clock leaves the same reading, too
             found += [
-                *self._scatter(case, causes),
+                *self._scatter(case, named),
                 *([] if grave or any(one.grave for one in unlike) else _untested(case)),
             ]
             begins = [one.first for one in grave] + [0] * any(one.grave for one in coarse)
@@ -352,7 +352,7 @@ class RecordingWatch:
         moved = float(np.nanquantile(np.abs(change[change != 0.0]), settings.typical)) / std
         words = (
             f"{100 * share:.0f} % of the moments are those of the row before: the sensor is read less often than the "
-            f"camera, while the moment moves by up to {moved:.0f} standard deviations of its noise at a time"
+            f"camera, or sticks, while the moment moves by up to {moved:.0f} standard deviations of its noise at a time"
         )
         old = kept[:, recorded.around.shape[2] - 1]
         readings = np.where(old[:, None], np.nan, recorded.batch.readings_Nm)
@@ -411,7 +411,7 @@ class RecordingWatch:
 
     def _beyond(self, some: Recorded, value: float, largest: bool) -> bool:
         """Whether pictures of some frames require a moment beyond `largest`."""
-        expected, std = some.without_moments().fit.moments
+        expected, std = some.without_moments.fit.moments
         off = (expected - value) * (1.0 if largest else -1.0) / np.hypot(std, self.rig.moment_sensor.std_Nm)
         return bool((off[np.isfinite(std)] > RecordingSettings.beyond_std).any())
 
@@ -532,7 +532,7 @@ class RecordingWatch:
         later = lost.sum() >= least and lost[first:].mean() > RecordingSettings.contradicting
         if not (lost.mean() > RecordingSettings.unexplained or later):
             return None
-        alone = (case.recorded.without_moments().fit.cost - case.best)[lost] / case.scale[lost]
+        alone = (case.recorded.without_moments.fit.cost - case.best)[lost] / case.scale[lost]
         by_moment = float(np.mean(alone < 0.5 * RecordingSettings.most))
         block = (
             "moments and pictures contradict each other"
@@ -587,7 +587,7 @@ def _unpredicted(case: Case) -> bool:
     there = np.isfinite(read)
     if there.sum() < RecordingSettings.fewest_moments:
         return False
-    _, own = case.recorded.without_moments().fit.moments
+    _, own = case.recorded.without_moments.fit.moments
     return bool(np.median(own[there]) > RecordingSettings.knows * float(np.ptp(read[there])))
 
 

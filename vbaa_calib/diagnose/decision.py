@@ -23,6 +23,7 @@ class DecisionSettings:
     lead: float = 2.0  # log odds by which one must lead the next to be named alone
     rounds: int = 3  # further hypotheses are sought with the best one applied
     named: int = 3  # hypotheses that are named together, where the data do not decide
+    least_share: float = 0.5  # part of the misfit that a cause must explain to be more than the nearest one
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +69,27 @@ def _doubtful(one: Explanation[_Data]) -> Explanation[_Data]:
 
 def diagnose(data: _Data, table: Sequence[Hypothesis[_Data]]) -> list[Diagnosis]:
     """The diagnoses, the likeliest first: see `explained`."""
-    return [joined(best) for best in explained(data, table)[0]]
+    return causes(explained(data, table)[0])
+
+
+def causes(found: Sequence[Sequence[Explanation[_Data]]], left: float = 0.0) -> list[Diagnosis]:
+    """The diagnoses of `explained`, the likeliest first. left : log odds of something that is in no table over the
+    corrected observations; where they are high the likeliest cause is the nearest one only, or not the only one."""
+    every = [_joined(best) for best in found]
+    if not every or left < DecisionSettings.least_doubt:
+        return every
+    first, gained = every[0], sum(best[0].log_odds for best in found)
+    share = gained / (gained + left)
+    words = (
+        f"{first.words}; that explains {100 * share:.0f} % of the misfit: something else is wrong as well, or instead"
+    )
+    if share < DecisionSettings.least_share:
+        words = (
+            "something is wrong that none of the known causes explains; the nearest, with "
+            f"{100 * share:.0f} % of the misfit: {first.words}"
+        )
+        first = replace(first, name="unexplained")
+    return [replace(first, words=words), *every[1:]]
 
 
 def explained(data: _Data, table: Sequence[Hypothesis[_Data]]) -> tuple[list[list[Explanation[_Data]]], _Data]:
@@ -76,7 +97,7 @@ def explained(data: _Data, table: Sequence[Hypothesis[_Data]]) -> tuple[list[lis
     corrected observations. The table is evaluated again with each round's best explanation applied."""
     found: list[list[Explanation[_Data]]] = []
     for _ in range(DecisionSettings.rounds):
-        known = {_subject(joined(each)) for each in found}
+        known = {_subject(_joined(each)) for each in found}
         best = decide(one for row in table for one in row(data) if _subject(one.diagnosis) not in known)
         if not best:
             break
@@ -92,7 +113,7 @@ def _subject(one: Diagnosis) -> str:
     return one.words if " row " in one.words else one.name
 
 
-def joined(alike: Sequence[Explanation[_Data]]) -> Diagnosis:
+def _joined(alike: Sequence[Explanation[_Data]]) -> Diagnosis:
     """One diagnosis for several explanations that the data do not distinguish, with the first one's name and the
     gravest one's severity."""
     first, *others = every = [one.diagnosis for one in alike]

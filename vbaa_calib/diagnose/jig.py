@@ -29,7 +29,7 @@ from vbaa_calib.detect.whisker.corridor import free_curve
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session import Session, Still, gravity_antenna
 
-from .decision import Explanation, decide, joined
+from .decision import Explanation, causes, decide
 
 SLIPS = (
     *(f"jig_{what}" for what in ("unit", "sign", "axes_exchanged", "turned", "rotation_order", "inverse")),
@@ -513,7 +513,7 @@ def jig_diagnoses(data: JigEvidence) -> list[Diagnosis]:
         return []
     best = decide(data.explanation(case) for row in (_slips, _mirrored_pictures, _changes) for case in row(data))
     # the antenna's length is for those who know its loads
-    return [] if not best or best[0].diagnosis.name == "antenna_length" else [joined(best)]
+    return [] if not best or best[0].diagnosis.name == "antenna_length" else causes([best])
 
 
 def plane_contradicted(joint: BundleAdjustment) -> bool:

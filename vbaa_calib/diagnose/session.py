@@ -23,7 +23,7 @@ from vbaa_calib.rig.reprojection import SeenPoints
 from vbaa_calib.session import STANDARD_GRAVITY_M_S2 as G
 from vbaa_calib.session import Load, Session, Still, gravity_antenna
 
-from .decision import DecisionSettings, Explanation, diagnose, explained, joined
+from .decision import DecisionSettings, Explanation, causes, diagnose, explained
 from .sensor import TABLE as SENSOR
 from .sensor import MomentReadings, channel_diagnoses
 from .settings import SETTINGS
@@ -833,7 +833,7 @@ def _explanations(witness: Witness) -> Iterator[Explanation[Witness]]:
     """Explanations that fit the pictures better than the reports do, with their log odds."""
     reported = witness.reported
     base = -1e6 if reported is None else reported.log_likelihood
-    excess = -base - SETTINGS.usual_cost * len(witness.problem.observations)
+    excess = witness.excess
     ranked = []
     causes = [cause for row in _TABLE for cause in row(witness)]
     if excess > SETTINGS.misfit:
@@ -920,7 +920,7 @@ def _session_diagnoses(
     """`static_frame_diagnoses` for observations that may have no common solution. Raises SolveError."""
     witness = Witness.of(session, kinematics, observations, before)
     rounds, right = explained(witness, [_explanations])
-    found = [joined(best) for best in rounds]
+    found = causes(rounds, right.beyond_usual)
     fit = right.reported
     if fit is None or fit.scale > SETTINGS.fits:
         return [_contradiction(np.inf if fit is None else fit.scale), *found]

@@ -260,6 +260,18 @@ class Witness:
         others = [replace(self, starts=(start,)).fit() for start in self.starts]
         return max((one for one in (found, *others) if one is not None), key=lambda one: one.log_likelihood)
 
+    @property
+    def excess(self) -> float:
+        """Nats by which the pictures fit worse with everything as reported than where all is right."""
+        likelihood = -1e6 if self.reported is None else self.reported.log_likelihood
+        return -likelihood - SETTINGS.usual_cost * len(self.problem.observations)
+
+    @property
+    def beyond_usual(self) -> float:
+        """Log odds that something is wrong, whatever it is, over all being as reported; pictures that were left out
+        have been named."""
+        return self.excess - SETTINGS.left_out * int((~self.problem.kept).sum()) - SETTINGS.vague
+
     def fit(
         self,
         alter: Alteration = lambda problem, values: problem,
