@@ -18,7 +18,6 @@ HD, SQUARE, TALL, VGA = (1280, 720), (2048, 2048), (1280, 960), (640, 480)
 MILD = np.array([900.0, 902.0, 645.0, 352.0, -0.12, 0.04, 4e-4, -3e-4, 0.0])
 LONG = np.array([2800.0, 2804.0, 1015.0, 1032.0, -0.08, 0.15, 2e-4, 3e-4, 0.0])
 WIDE = np.array([590.0, 591.0, 641.0, 356.2, 0.31, 0.025, 4e-4, -3e-4, 1e-3, 0.56, 0.061, 5e-3])
-BARREL = np.array([520.0, 521.0, 325.0, 236.0, -0.32, 0.14, 5e-4, -4e-4, -0.03])
 FISHEYE = np.array([420.0, 421.0, 641.0, 478.0, 0.05, -0.01, 0.003, -0.001])
 """fx, fy, cx, cy and distortion in OpenCV's order; five coefficients, eight (WIDE), or its fisheye's four."""
 _CORNER_PX = 0.15

@@ -15,7 +15,6 @@ from vbaa_calib.calibrate.lens.bundle import BoardCorners
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
 from vbaa_calib.camera import Camera
-from vbaa_calib.geometry import Pose
 
 from .synthetic_views import SPEC, board_view, pose_towards, project_board
 
@@ -50,12 +49,6 @@ def test_another_picture_never_harms_and_the_suggested_one_is_best_of_the_set():
     suggestion = best_next(known, PLANE, SPEC, functional)
     assert after.max() <= now * (1.0 + 1e-9)
     assert suggestion.std_m / known.inflation <= after.min() * (1.0 + 1e-6)
-
-
-def tilted(rotvec_rad: tuple[float, float, float], middle_m: tuple[float, float, float]) -> Pose:
-    rotation = Pose.from_rotvec(np.array(rotvec_rad), np.zeros(3)).rotation
-    half = SPEC.square_m * np.array([SPEC.squares_x, SPEC.squares_y, 0.0]) / 2
-    return Pose(rotation, np.array(middle_m) - rotation @ half)
 
 
 def true_error_mm(camera: Camera) -> float:

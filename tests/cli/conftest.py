@@ -58,10 +58,6 @@ def noise(picture: np.ndarray) -> np.ndarray:
     return np.random.default_rng(1).normal(90, 12, picture.shape).clip(0, 255).astype(np.uint8)
 
 
-def smaller(picture: np.ndarray) -> np.ndarray:
-    return cv2.resize(picture, (picture.shape[1] // 2, picture.shape[0] // 2))
-
-
 def refused(said: Outcome, *words: str) -> None:
     assert said.code == 2, said
     assert said.out == ""

@@ -148,7 +148,7 @@ def test_an_objects_edge_along_the_antenna_is_doubt(beside_px: float) -> None:
 
 
 PER_PX = 32
-HALF, WIDTH_PX_FIT, BLUR_PX = 9, 3.4, 0.9
+HALF = 9
 AT = np.arange(-(HALF + 2) * PER_PX, (HALF + 2) * PER_PX + 1) / PER_PX
 """(R,) distances at which cross-sections are tabled."""
 

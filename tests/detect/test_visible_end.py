@@ -94,8 +94,6 @@ def test_a_line_that_leaves_the_picture_ends_at_its_border() -> None:
 
 
 WIDTH_PX, BRIGHT = 4.0, 150.0
-FROM, TO = 130, 180
-"""Columns between which something is wrong."""
 AXIS = np.stack([np.linspace(40.0, 260.0, 50), np.full(50, 130.0)], axis=1)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -122,17 +121,6 @@ def test_what_all_frames_share_is_what_the_rig_moves() -> None:
     assert np.sqrt(np.square(by_axis).sum(axis=0)) == pytest.approx(here.point_shared_std_m, rel=0.1, abs=1e-6)
     assert here.distance_shared_std_m < here.distance_std_m
     assert (here.force_shared_std_N[1:] < here.force_std_N[1:]).all()
-
-
-def written(folder: Path, drift: str) -> None:
-    (folder / "session.yaml").write_text(
-        "schema: vbaa.session/1\n"
-        "board: {squares_x: 9, squares_y: 6, square_m: 0.012, marker_m: 0.009, dictionary: DICT_4X4_100}\n"
-        "antenna: {length_m: 0.24, diameter_m: 0.0008, youngs_modulus_Pa: 193.0e9, density_kg_m3: 7900.0}\n"
-        "gravity_world: [0.0, 0.0, -9.80665]\n"
-        "moment_sensor: {std_Nm: 2.0e-5}\n"
-        f"drift: {drift}\n"
-    )
 
 
 def test_rig_json_keeps_it(known: Calibrated) -> None:

@@ -13,7 +13,7 @@ from benchmarks.estimator.setup import Setup
 from estimator import ContactEstimator
 from estimator.contact.contacts import Contacts
 from estimator.table.contacts import Measured
-from vbaa_calib.session import Frame, MomentSensor
+from vbaa_calib.session import MomentSensor
 
 from ..rod_scenes import LENGTH_M, RIG_STD, SIGMA_PX, World, camera_pose, frames, pushing
 
@@ -138,10 +138,3 @@ def test_uncertain_joint_angles_are_in_the_world_points_deviations() -> None:
 
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="Linux alone reports the peak of memory")
-
-
-def replaced(frame: Frame, number: int, moment_Nm: float, joints: np.ndarray) -> Frame:
-    """The same picture with other readings."""
-    return replace(
-        frame, frame=number, time_s=float(number), moment_Nm=moment_Nm, pan_rad=joints[0], tilt_rad=joints[1]
-    )

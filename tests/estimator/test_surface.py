@@ -142,10 +142,6 @@ def grid(low_rad: float, high_rad: float, around: int = 7, up: int = 9) -> tuple
     return cylinder(angle.ravel(), height.ravel())
 
 
-def both(*parts: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    return np.concatenate([p for p, _ in parts]), np.concatenate([n for _, n in parts])
-
-
 @pytest.mark.parametrize(("obj", "friction", "seed"), [(CYLINDER, 0.0, 0), (SPHERE, 0.5, 2), (FREEFORM, 0.0, 0)])
 def test_a_smooth_object_comes_out_as_one_surface_with_its_normals(
     obj: TouchObject, friction: float, seed: int

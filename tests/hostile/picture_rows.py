@@ -29,11 +29,6 @@ def tiff(*tags: tuple[int, int, int]) -> bytes:
     return b"II*\0" + struct.pack("<IH", 8, len(tags)) + entries + struct.pack("<I", 0) + bytes(64)
 
 
-def bmp(width: int, height: int) -> bytes:
-    head = struct.pack("<2sIHHI", b"BM", 118, 0, 0, 54)
-    return head + struct.pack("<IiiHHIIiiII", 40, width, height, 1, 24, 0, 0, 0, 0, 0, 0) + bytes(64)
-
-
 GREY_TIFF = ((258, 3, 8), (259, 3, 1), (262, 3, 1), (273, 4, 90), (277, 3, 1), (278, 4, 1), (279, 4, 4))
 
 ROWS: tuple[Row, ...] = (

@@ -194,9 +194,6 @@ def test_which_lens_is_of_raw_and_which_of_rectified_pictures(tmp_path: Path) ->
                     assert part in str(refused.value)
 
 
-JPEG = bytes(cv2.imencode(".png", np.arange(12, dtype=np.uint8).reshape(3, 4))[1])
-
-
 def field(number: int, data: bytes) -> bytes:
     return (
         bytes([number << 3 | 2, *([len(data)] if len(data) < 128 else [len(data) % 128 + 128, len(data) // 128])])

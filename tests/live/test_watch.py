@@ -24,7 +24,6 @@ from ..small_scene import small_rig
 from .recordings import write
 
 KNOCKED = Diagnosis("camera_turned", "the camera has turned by 0.06°", "calibrate again", "wrong")
-FRAME, FREE = Measured(np.zeros((0, 2)), np.zeros(0), 0.0, 0.0, 0.0), Contact(status="no_contact")
 BEFORE, AFTER = 40, 42
 CAMERA = ("camera_turned", "picture_moved", "camera_moved", "focus_changed", "picture_scaled")
 """What a knock of a pixel may first look like: the part of the rig is right."""
