@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import base64
+import os
 import re
+import sys
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import jinja2
@@ -33,6 +37,7 @@ def render(template: str, **values: Any) -> str:
 def _environment() -> jinja2.Environment:
     made = jinja2.Environment(
         loader=jinja2.PackageLoader("viz.pages"),
+        bytecode_cache=_compiled(),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
@@ -41,6 +46,15 @@ def _environment() -> jinja2.Environment:
     made.policies["json.dumps_kwargs"] = {"allow_nan": False}
     made.filters |= {"prose": _prose, "number": number, "base64": lambda data: base64.b64encode(data).decode()}
     return made
+
+
+def _compiled() -> jinja2.BytecodeCache | None:
+    """Cache of compiled templates in their own folder, as Python keeps its modules; None where it is read-only."""
+    folder = Path(__file__).with_name("templates") / "__pycache__"
+    with suppress(OSError):
+        folder.mkdir(exist_ok=True)
+    writable = os.access(folder, os.W_OK | os.X_OK) and not sys.dont_write_bytecode
+    return jinja2.FileSystemBytecodeCache(str(folder)) if writable else None
 
 
 @dataclass(frozen=True)
