@@ -65,7 +65,7 @@ class _OfSquares:
         return (self.squares_x - 1) * (self.squares_y - 1)
 
 
-@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+@dataclass(frozen=True, config=ConfigDict(extra="forbid", defer_build=True))
 class BoardSpec(_OfSquares):
     """A ChArUco board. Board frame = OpenCV's: origin at the outline's first corner, z away from the viewer.
 
@@ -155,7 +155,7 @@ class BoardSpec(_OfSquares):
         return described if listed is None else described | {"ids": list(listed)}
 
 
-@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+@dataclass(frozen=True, config=ConfigDict(extra="forbid", defer_build=True))
 class Chessboard(_OfSquares):
     """A chessboard without markers, for the lens. Board frame as of a ChArUco board; the square at its origin is black.
 
@@ -182,7 +182,7 @@ class Chessboard(_OfSquares):
         return asdict(self)
 
 
-@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+@dataclass(frozen=True, config=ConfigDict(extra="forbid", defer_build=True))
 class CircleGrid:
     """Dark circles on white, or white ones on dark, for the lens: OpenCV's symmetric or asymmetric grid.
 
@@ -226,7 +226,7 @@ class CircleGrid:
         return asdict(self)
 
 
-@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+@dataclass(frozen=True, config=ConfigDict(extra="forbid", defer_build=True))
 class AprilGrid:
     """Kalibr's AprilGrid: tags in columns and rows, with black squares at their corners.
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import chain, islice, tee
 from pathlib import Path
-from typing import Any, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.core.polyline import arc_lengths
 from vbaa_calib.detect.whisker.acceptance import decided, explained, of_antennas_shape
-from vbaa_calib.detect.whisker.background import Background, evened
 from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline, Visibility
 from vbaa_calib.detect.whisker.corridor import Corridor, corridor, free_curve, pixels, width_px
 from vbaa_calib.detect.whisker.finder import AntennaFinder, finder, same_paths_m_s2
@@ -33,7 +32,10 @@ from .estimate import STREAM, ContactEstimator
 from .inputs import Batch, OutlierSettings, outside, point_scatter
 from .settings import ContactSettings
 
-Ground = Callable[[Still, str], Background | None]
+if TYPE_CHECKING:
+    from vbaa_calib.detect.whisker.background import Background
+
+Ground: TypeAlias = "Callable[[Still, str], Background | None]"
 """What lies behind the antenna in a camera's picture, by its name, as far as it is known."""
 FramePictures: TypeAlias = "np.ndarray | Mapping[str, np.ndarray] | None"
 """A frame's picture (H, W[, 3]); of several cameras those by name."""
@@ -295,6 +297,8 @@ def subtracted(
     if behind is None:
         return None
     line = replace(looking, looks=looking.looks[:0]).find(image - behind, None)
+    from vbaa_calib.detect.whisker.background import evened  # loads OpenCV
+
     return evened(image, behind, line, looking.corridor.width_px), line
 
 

@@ -9,8 +9,8 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Literal
 
-import cv2
 import numpy as np
 
 from .errors import InputError
@@ -80,7 +80,7 @@ def read_gray(path: Path, data: bytes | None = None) -> np.ndarray:
 
     Raises InputError naming the file when it is missing, empty, truncated or damaged.
     """
-    pixels = _pixels(data, Path(path), cv2.IMREAD_GRAYSCALE)
+    pixels = _pixels(data, Path(path), "grey")
     return pixels if pixels.dtype == np.uint8 else _scaled(pixels, np.rint, np.uint8)
 
 
@@ -91,8 +91,7 @@ def read_picture(path: Path, data: bytes | None = None, upright: bool = False) -
     uint8, or float32 from 0 to 255 where there are more bits, scaled as `read_gray` does. Transparency is left out.
     data : the file's bytes, where they were read already. Raises InputError as `read_gray` does.
     """
-    turned = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH
-    return as_levels(_pixels(data, Path(path), turned if upright else cv2.IMREAD_UNCHANGED))
+    return as_levels(_pixels(data, Path(path), "upright" if upright else "kept"))
 
 
 def as_levels(pixels: np.ndarray) -> np.ndarray:
@@ -131,6 +130,8 @@ def _as_sampled(pixels: np.ndarray, cell_px: int = 8, chroma: float = 0.05) -> n
     for channel, (row, column) in ((2, at_red[0]), (0, at_blue[0])):
         sampled[row::2, column::2] = pixels[row::2, column::2, channel]
     height, width = (side // cell_px for side in pixels.shape[:2])
+    import cv2  # slow to load
+
     cells = cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA)
     coloured = (np.ptp(cells, axis=2) > chroma * float(pixels.max())).astype(np.uint8)
     if not coloured.any():
@@ -156,7 +157,7 @@ def picture_size(path: Path) -> tuple[int, int]:
     width, height = _announced(data, path)
     if data.startswith((_PNG, _JPEG)):
         return width, height
-    height, width = _pixels(data, path, cv2.IMREAD_GRAYSCALE).shape
+    height, width = _pixels(data, path, "grey").shape
     return width, height
 
 
@@ -241,17 +242,23 @@ def _of_tiff(data: bytes) -> tuple[int, int, int, int]:
     return width, height, max(width * height, tile), bytes_per_pixel
 
 
-def _pixels(data: bytes | None, path: Path, colours: int) -> np.ndarray:
+def _pixels(data: bytes | None, path: Path, colours: Literal["grey", "kept", "upright"]) -> np.ndarray:
+    """The pixels of a picture in grey, or in its own colours, as they are or upright."""
+    import cv2  # slow to load
+
     data = read_bytes(path, "picture") if data is None else data
     _announced(data, path)
-    # "unchanged" is all bits set, and keeps depth and orientation by itself
-    kept = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION if colours == cv2.IMREAD_GRAYSCALE else 0
+    flags = {
+        "grey": cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION,
+        "kept": cv2.IMREAD_UNCHANGED,  # is all bits set, and keeps depth and orientation by itself
+        "upright": cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH,
+    }
     pixels = None
     # the level is global to the process, so two threads must not restore each other's
     with _log_level, contextlib.suppress(cv2.error):
         level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
         try:
-            pixels = cv2.imdecode(np.frombuffer(data, np.uint8), colours | kept)
+            pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags[colours])
         finally:
             cv2.utils.logging.setLogLevel(level)
     if pixels is not None and pixels.ndim == 3:

@@ -59,7 +59,9 @@ class FileModel(BaseModel):
     The configuration of a subclass decides about unknown keys in nested mappings.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", json_schema_extra={"additionalProperties": True})
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", json_schema_extra={"additionalProperties": True}, defer_build=True
+    )
     VERSION: ClassVar[str]
     """What the key `schema` must say."""
     FURTHER_KEYS: ClassVar[bool] = True

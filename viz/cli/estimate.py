@@ -317,7 +317,6 @@ def _estimator(args: argparse.Namespace, rig: Rig, drift: Drift | None) -> Conta
 def _recording(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator, _Recording]:
     """The recording, with the estimator of its drift. Raises InputError."""
     from estimator.contact.source import estimate_source
-    from estimator.contact.surroundings import surroundings
 
     if args.centrelines is not None and rig.clamp is not None:
         return _of_moving_clamps(args, rig)
@@ -325,8 +324,12 @@ def _recording(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator, _R
     estimator = _estimator(args, rig, source.drift)
     if source.stream is None and not args.no_moment:
         _say_silent(source.frames, rig)
-    with TemporaryDirectory(prefix="vbaa-stills-") as folder:
-        ground, words = surroundings(estimator.rig, args.background, lambda: source.stills(rig, Path(folder)))
+    ground, words = None, ""
+    if args.background is not None:
+        from estimator.contact.surroundings import surroundings  # loads OpenCV
+
+        with TemporaryDirectory(prefix="vbaa-stills-") as folder:
+            ground, words = surroundings(estimator.rig, args.background, lambda: source.stills(rig, Path(folder)))
     source = source.clocked(estimator, ground)
     for line in () if source.stream is None else source.stream.clocks:
         say(line)
