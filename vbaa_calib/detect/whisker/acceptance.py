@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
@@ -18,13 +18,15 @@ from .corridor import LEAST_SHAPE_POINTS, Corridor
 from .settings import AcceptanceSettings, ProfileSettings, StretchSettings
 
 
-def accepted(line: Centreline, inside: float, root: float, changing: bool) -> Centreline:
-    """The centreline, with its verdict.
+def accepted(numbers: Mapping[str, Any], inside: float, root: float, changing: bool) -> Centreline:
+    """The centreline with these fields, as measured, and with its verdict.
 
     inside, root : share of its path that lies in the picture, and share of the path's beginning where the line is seen.
     changing : whether it may be brighter than its background in some places and darker in others.
     """
-    return line.with_verdict(*(_doubt(line, max(inside, 1e-9), root, changing) or ("ok", "")))
+    seen, breadth = numbers["seen"], numbers["breadth"]
+    verdict, reason = _doubt(seen, breadth, max(inside, 1e-9), root, changing) or ("ok", "")
+    return Centreline(**numbers, verdict=verdict, reason=reason)
 
 
 def best_of(lines: Sequence[Centreline], width_px: float) -> Centreline:
@@ -75,9 +77,8 @@ def _mean_distance(polyline: np.ndarray, points: np.ndarray) -> float:
     return float(np.hypot(*(points - polyline[offsets_from(polyline, points)[0]]).T).mean())
 
 
-def _doubt(line: Centreline, inside: float, root: float, changing: bool) -> tuple[Verdict, str] | None:
+def _doubt(seen: float, breadth: float, inside: float, root: float, changing: bool) -> tuple[Verdict, str] | None:
     """The reason why a line is no antenna, or not enough of one; None where nothing contradicts it."""
-    seen, breadth = line.seen, line.breadth
     limits = AcceptanceSettings
     share = f"{100 * seen:.0f} % of its length seen"
     if seen < 0.05:

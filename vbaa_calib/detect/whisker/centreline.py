@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Literal
@@ -139,4 +140,6 @@ NOTHING = Centreline(_no_points(), _no_numbers(), 0.0, 0.0, 1.0)
 
 def too_short(path_px: np.ndarray) -> bool:
     """Whether a path (K, 2) is too short for a line to be measured along it."""
-    return len(path_px) < 2 or bool(np.hypot(*np.diff(path_px, axis=0).T).sum() < 8.0)
+    if len(path_px) and math.dist(path_px[0], path_px[-1]) >= 8.0:
+        return False
+    return bool(np.hypot(*np.diff(path_px, axis=0).T).sum() < 8.0)

@@ -7,8 +7,9 @@ interpolated ones share their noise, and shift a thin line with its phase on the
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Mapping
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -81,12 +82,11 @@ def _measured(
     found = core.profile.measured(np.ascontiguousarray(image), path_px, *how, shapes)
     if found is None:
         return NOTHING
-    line = Centreline(**found[0])
-    more, evened = _row_errors(image, line.points_px, line.sigma_px, line.noise, half)
+    more, evened = _row_errors(image, found[0], half)
     if evened is not None and (again := core.profile.measured(evened, path_px, *how, shapes)) is not None:
-        found, line = again, Centreline(**again[0])
-        more = np.full(len(line.points_px), np.median(more))
-    line = accepted(replace(line, row_px=more), *found[1:4])
+        found = again
+        more = np.full(len(found[0]["points_px"]), np.median(more))
+    line = accepted(found[0] | {"row_px": more}, *found[1:4])
     if not (line.found and found[4] > 0.0):
         return line
     return _between(image if evened is None else evened, line, width_px, found[4])
@@ -112,9 +112,8 @@ def measure_ribbon(picture: np.ndarray, path_px: np.ndarray, width_px: float) ->
     found = core.profile.measured_ribbon(picture, path_px, float(width_px), ProfileSettings.blur_px, half, how)
     if found is None:
         return NOTHING
-    line = Centreline(**found[0])
-    more, _ = _row_errors(picture, line.points_px, line.sigma_px, line.noise, half)
-    return accepted(replace(line, row_px=more), *found[1:4])
+    more, _ = _row_errors(picture, found[0], half)
+    return accepted(found[0] | {"row_px": more}, *found[1:4])
 
 
 def measure_between(picture: np.ndarray, line: Centreline, width_px: float) -> Centreline:
@@ -183,17 +182,15 @@ def _evened(image: np.ndarray, points_px: np.ndarray, reach_px: int) -> tuple[np
     return evened, 1.25 * noise / float(np.sqrt(np.median((~near).sum(axis=1)[enough])))
 
 
-def _row_errors(
-    image: np.ndarray, points_px: np.ndarray, sigma_px: np.ndarray, noise: float, reach_px: int
-) -> tuple[np.ndarray, np.ndarray | None]:
-    """Standard deviations (N,) that noise of whole rows and columns of a picture adds to those of a line's points (N,
-    2) px in its order, for points that count as independent; and the picture without most of that noise, to which they
-    then apply, where it is grey and that lowers them, else None. sigma_px : (N,) of each by a pixel's own `noise`, grey
-    levels.
+def _row_errors(image: np.ndarray, line: Mapping[str, Any], reach_px: int) -> tuple[np.ndarray, np.ndarray | None]:
+    """Standard deviations (N,) that noise of whole rows and columns of a picture adds to those of a line's points in
+    its order, for points that count as independent; and the picture without most of that noise, to which they then
+    apply, where it is grey and that lowers them, else None. line : fields of a `Centreline`.
 
     All points on a row share its error, so that a line along rows keeps it, and one across them has none. reach_px :
     how far from the line pixels are its own.
     """
+    points_px, sigma_px, noise = line["points_px"], line["sigma_px"], line["noise"]
     found, step = np.zeros(len(points_px)), ProfileSettings.row_run
     evened: np.ndarray | None = None
     if len(points_px) <= step:
