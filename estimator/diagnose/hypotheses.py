@@ -435,12 +435,13 @@ def _useless(case: Case, constant: bool) -> Diagnosis:
 def _later(
     recorded: Recorded, row: _Misread, corrected: Recorded, gained: np.ndarray
 ) -> list[tuple[float, _Misread, Recorded]]:
-    """A mistake of the moments that holds from some frame on, if the frames' gains (F,) by it are larger so."""
+    """A mistake of the moments that holds from some frame on, if the frames gain (F,) more by it than by one from the
+    first on, or none."""
     after = np.cumsum(gained[::-1])[::-1]
     first, less = int(np.argmax(after)), float(np.log(len(gained)))
     if not RecordingSettings.fewest_after <= first <= len(gained) - RecordingSettings.fewest_after:
         return []
-    if after[first] - after[0] < less + RecordingSettings.unlikely:
+    if after[first] - max(after[0], 0.0) < less + RecordingSettings.unlikely:  # than by all of it, or by none
         return []
     readings = np.where(
         np.arange(len(gained))[:, None] < first, recorded.batch.readings_Nm, corrected.batch.readings_Nm
