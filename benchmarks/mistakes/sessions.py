@@ -370,6 +370,12 @@ def _tapered(world: World, rng: np.random.Generator) -> World:
     return replace(world, taper=Taper().thinned(float(np.log(rng.uniform(0.5, 0.6)))))
 
 
+def _without_hanger(forces: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """A part of each load is not noted: the same for all, 15 to 35 % of the lightest."""
+    size = np.linalg.norm(forces, axis=1, keepdims=True)
+    return np.asarray(forces * (1.0 - rng.uniform(0.15, 0.35) * size.min() / size))
+
+
 def _resting(forces: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Something else carries a part of one load, of which the whole is noted."""
     forces = forces.copy()
@@ -532,6 +538,7 @@ SESSION = (
     _row("loads in kilograms", FORCE, _forces(lambda f, rng: f / 9.80665)),
     _row("tilt in degrees", "joint_readings_wrong", _column("tilt_rad", lambda t, rng: np.rad2deg(t), False)),
     _row("a load that rests on something", f"load_supported {ROWS}", _forces(_resting)),
+    _row("a hanger that was not weighed", "loads_shifted", _forces(_without_hanger)),
     _row("an antenna that tapers by a half", "stiffness_varies", _worlds(_tapered)),
 )
 """The matrix's column of sessions. Edit the names of the findings here."""

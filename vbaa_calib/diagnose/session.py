@@ -352,6 +352,26 @@ def _all_loads(witness: Witness) -> Iterator[_Mistake]:
         lambda problem, v: _reloaded(problem, which, lambda one: _turned_load(one, _plane_turn(v[0]))),
         turned, (SETTINGS.turn_rad,), SETTINGS.mistake,
     )  # fmt: skip
+    lightest_N = min(weighed(load) for _, load in witness.loads)
+    if lightest_N > 0.0:
+
+        def more(fit: RigFit) -> Diagnosis:
+            grams = f"{1e3 * abs(fit.values[0]) / G:.3g} ± {1e3 * fit.std[0] / G:.1g} g"
+            return Diagnosis(
+                "loads_shifted",
+                f"all loads are {'heavier' if fit.values[0] > 0 else 'lighter'} by {grams} than reported: a hanger "
+                "that was not weighed, or a balance that was not zeroed",
+                "weigh everything that hangs on the antenna, and correct force_y_N and force_z_N of all rows",
+                "wrong" if abs(fit.values[0]) > 0.03 * lightest_N else "doubt",
+            )
+
+        def heavier(load: Load, by_N: float) -> Load:
+            return _turned_load(load, max(1.0 + by_N / weighed(load), 0.01) * np.eye(2))
+
+        yield _Mistake(
+            lambda problem, v: _reloaded(problem, which, lambda one: heavier(one, v[0])),
+            more, (0.3 * lightest_N,), SETTINGS.mistake,
+        )  # fmt: skip
     yield from _slips(witness, which, SETTINGS.mistake)
 
 

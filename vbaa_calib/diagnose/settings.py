@@ -45,7 +45,9 @@ class _SessionSettings:
     touch: float = 0.05  # standard deviation of the deflection by an unnoticed touch, over the length
     moduli_Pa: tuple[float, float] = (1e9, 450e9)  # range of Young's moduli of antennas
     misfit: float = 8.0  # nats above those of noise from which gross mistakes are tried
-    vague: float = 15.0  # the same from which something is wrong that no hypothesis describes
+    vague: float = (
+        100.0  # the same from which something is wrong that no hypothesis describes; clean ones have up to 51
+    )
     tried: int = 12  # hypotheses that are solved in full
     tries: int = 12  # steps of such a solve after which it goes on only if it may come near the best cost so far
     behind: float = 30.0  # nats above the best cost up to which that counts as near
