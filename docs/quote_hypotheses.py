@@ -11,7 +11,7 @@ from itertools import takewhile
 from pathlib import Path
 
 from estimator.diagnose.changes import CHANGES
-from estimator.diagnose.hypotheses import READINGS
+from estimator.diagnose.hypotheses import ERRORS, READINGS
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "troubleshooting.md"
@@ -21,8 +21,8 @@ def hypotheses() -> str:
     """The table in Markdown, a row for each remedy: the beginnings of its messages, without numbers and columns' names,
     the words that several begin with once."""
     by_remedy = dict[str, dict[str, None]]()
-    for row in (*READINGS, *CHANGES):
-        begins = re.split(": | since the calibration", row.words)[0]
+    for row in (*READINGS, *ERRORS, *CHANGES):
+        begins = re.split(r": | since the calibration|,? by (?:up to )?\{", row.words)[0]
         words = re.sub(r"\w+_Nm?\b|\{\}|\b(before|after)$", "…", begins)
         by_remedy.setdefault(re.sub(r"[\d.e-]+(?=:)", "…", row.remedy), {})[words] = None
     lines = ["| message | do |", "|---|---|"]

@@ -283,7 +283,7 @@ READINGS = (
         _Misread(
             name,
             f"{what} of the row {where}",
-            "shift the column by a row, and check how readings and pictures are matched",
+            "shift the column by a row",
             partial(_a_row_off, which, rows),
         )
         for name, what, which, sign in (
@@ -477,7 +477,7 @@ ERRORS = (
         "moment_drift",
         {"moment_offset_Nm": RecordingSettings.error_std},
         "the moment sensor's zero walks by {} standard deviations of its noise during the recording",
-        "let it warm up, or give --track-zero",
+        "zero it again before a recording, or give --track-zero",
         "standard deviations",
         RecordingSettings.varies_std,
         by=partial(_in_time, 1),
@@ -486,7 +486,7 @@ ERRORS = (
         "moment_drift",
         {"moment_offset_Nm": RecordingSettings.error_std},
         "the moment sensor's zero walks by {} standard deviations of its noise during the recording, not evenly",
-        "let it warm up, or give --track-zero",
+        "zero it again before a recording, or give --track-zero",
         "standard deviations",
         RecordingSettings.varies_std,
         by=partial(_in_time, 3),
@@ -495,7 +495,7 @@ ERRORS = (
         "moment_nonlinear",
         {"moment_offset_Nm": RecordingSettings.error_std},
         "the moments are not in proportion to the pictures', by up to {} standard deviations of its noise",
-        "use sensor and amplifier within the range in which they are linear",
+        "use the sensor where it is linear",
         "standard deviations",
         RecordingSettings.varies_std,
         by=_in_load,
@@ -505,7 +505,7 @@ ERRORS = (
         {"moment_offset_Nm": RecordingSettings.error_std},
         "the moment sensor's zero changes with the joints, by {} standard deviations of its noise: a cable "
         "pulls, or weight hangs behind the sensor",
-        "fasten the cable so that it moves with the sensor",
+        "let the cable move with the sensor",
         "standard deviations",
         RecordingSettings.varies_std,
         by=_in_joints,
@@ -514,7 +514,7 @@ ERRORS = (
         "moment_hysteresis",
         {"moment_offset_Nm": RecordingSettings.error_std},
         "the moments stay behind the pictures', by {} standard deviations of its noise, whichever way they change",
-        "look for friction and play between clamp, sensor and base, and for a cable that pulls",
+        "look for friction or play at clamp and sensor",
         "standard deviations",
         RecordingSettings.varies_std,
         by=_in_direction,

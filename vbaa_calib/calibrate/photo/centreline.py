@@ -467,9 +467,7 @@ def _judged(
         end is not None or (within and not hidden and held < 2.0 * settings.clear_end)
         for end, within, hidden, held in zip(ends, inside, covered, holder, strict=True)
     )
-    # from something beyond an end to nothing beyond either
-    loose = float(np.clip(2.0 - max(holder) / settings.clear_end, 0.0, 3.0)) / 3.0 if all(inside) and not off else 0.0
-    evidence = _rod_odds(parts, len(off), any(covered), loose, settings)
+    evidence = _rod_odds(parts, len(off), any(covered), settings)
     return _MeasuredRod(patch.back(points), line, wide, (first, last), inside, holder, evidence, parts)
 
 
@@ -700,15 +698,14 @@ def _goes_on(
     return found[0], found[1]
 
 
-def _rod_odds(parts: dict[str, float], known: int, covered: bool, loose: float, settings: RodSettings) -> float:
+def _rod_odds(parts: dict[str, float], known: int, covered: bool, settings: RodSettings) -> float:
     """Log odds that a line with so many `known` ends is a rod and not something else with two edges.
 
-    covered : whether an end is in a shadow, or the line goes on. loose : from 0, where something continues the line
-        beyond an end, to 1, where nothing does.
+    covered : whether an end is in a shadow, or the line goes on.
     """
     bend, length, contrast = parts["net"], float(np.log(parts["length_share"])), max(parts["contrast"], 1.0)
     edges = min(0.0, parts["edges"] - settings.good_edges)
-    shape = (edges, min(bend, settings.bent), max(0.0, bend - settings.most_bend), length)
+    shape = (edges, min(bend, settings.bent), length)
     terms = (
         1.0,
         float(known),
@@ -720,9 +717,8 @@ def _rod_odds(parts: dict[str, float], known: int, covered: bool, loose: float, 
         parts["unseen"] ** 2,
         min(parts["off_clicks"], 1.0),
         min(max(0.0, parts["sharpest"] - settings.usual_sharpest), 1.0),
-        *(shape if known < 2 else (0.0, 0.0, 0.0, 0.0)),
+        *(shape if known < 2 else (0.0, 0.0, 0.0)),
         float(covered),
-        loose,
     )
     return sum(weight * term for weight, term in zip(settings.rod_odds, terms, strict=True))
 
