@@ -172,7 +172,7 @@ auto spline(const InVector& places, const InMatrix& points, const InVector& at) 
 }
 
 auto tube_parts(const InMatrix& curve, std::array<int, 2> size, int room, int factor, double asymmetry) {
-    const auto [width, height] = size;
+    const int width = size[0], height = size[1];
     require(curve.shape(0) > 0 && curve.shape(1) == 9 && room >= 0 && room < 10000 && factor > 0 && factor < 100,
             "a tube's samples are (N, 9)");
     require(width > 0 && height > 0 && 1.0 * width * height < 3e8, "a picture has 1 to 3·10^8 pixels");
