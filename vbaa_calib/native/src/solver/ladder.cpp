@@ -289,19 +289,6 @@ void solve_frame(const Task& asked, const Rigs& rigs, const Unknowns& warm, cons
 
 }  // namespace
 
-// The free antennas of the frames about one, the same ones whatever part of all is asked for; false where one serves
-// all.
-template <class Measured>
-bool bend_together(const Rig& rig, const Measured& frames, int index, FreeShapes& free) {
-    const int first = index / LANES * LANES, some = std::min(LANES, frames.size() - first);
-    const ConstMatrix gravity = frames.gravity_m_s2.part(first, some);
-    const double* one = gravity.begin();
-    bool same = true;
-    for (int lane = 1; lane < some; ++lane) same = same && std::equal(one, one + 3, one + 3 * lane);
-    if (!same) bend_free(rig, gravity, free);
-    return !same;
-}
-
 template <class Measured>
 void solve_frames(const Rigs& rigs, const Measured& frames, const Demand& demand, View<Numbers, 1> numbers) {
     const ConstMatrix& warm = demand.warm;
@@ -309,12 +296,17 @@ void solve_frames(const Rigs& rigs, const Measured& frames, const Demand& demand
     Unknowns start;
     start.fill(NOT_KNOWN);
     FreeShapes free;
-    bool several = false;
     for (int index = demand.begin; index < demand.end; ++index) {
         Frame frame = frame_of(rigs.exact, frames, index);
         frame.lane = index % LANES;
-        if (frame.lane == 0 || index == demand.begin) several = bend_together(rigs.exact, frames, index, free);
-        if (several) frame.free = &free;
+        frame.free = &free;
+        if (frame.lane == 0 || index == demand.begin) {
+            // the same frames together whatever part of all is asked for
+            const int first = index - frame.lane, some = std::min(LANES, frames.size() - first);
+            free.rig = &rigs.exact;
+            free.gravity_m_s2 = frames.gravity_m_s2.part(first, some);
+            free.bent = false;
+        }
         if (frame.count < PointSettings().fewest) {
             numbers[index].points = frame.count;
             continue;

@@ -168,6 +168,24 @@ std::array<double, READINGS> put_prediction(const Rig& rig, const Frame& frame, 
     return base;
 }
 
+// Bends all of them.
+void bend_free(FreeShapes& found) {
+    const Rig& rig = *found.rig;
+    double parameters[ANTENNA][LANES], gravity[3][LANES], contact_m[LANES];
+    const double none[2][LANES] = {};
+    for (int k = 0; k < ANTENNA; ++k) store(parameters[k], spread(rig.antenna_parameters[k]));
+    store(contact_m, spread(FREE * rig.length_m));
+    for (int lane = 0; lane < LANES; ++lane) {
+        const int row = std::min(lane, found.gravity_m_s2.shape[0] - 1);
+        for (int axis = 0; axis < 3; ++axis) gravity[axis][lane] = found.gravity_m_s2(row, axis);
+    }
+    const antenna::Presses presses = {view(parameters), rig.length_m,          rig.taper,          view(gravity),
+                                      view(contact_m),  {none[0], {2, LANES}}, {none[0], {LANES}}, false};
+    antenna::bend_lanes(REFERENCE, presses,
+                        {view(found.points_m), view(found.tangents), view(found.force_N), view(found.moment_Nm)});
+    found.bent = true;
+}
+
 }  // namespace
 
 Bent::Bent(const Rig& rig)
@@ -273,27 +291,13 @@ double by_force(const Rig& rig, int reading, int axis, double distance_m) {
     return row[1 + axis] + (axis == 0 ? row[5] : -row[4]) * distance_m;
 }
 
-void bend_free(const Rig& rig, ConstMatrix gravity_m_s2, FreeShapes& found) {
-    double parameters[ANTENNA][LANES], gravity[3][LANES], contact_m[LANES];
-    const double none[2][LANES] = {};
-    for (int k = 0; k < ANTENNA; ++k) store(parameters[k], spread(rig.antenna_parameters[k]));
-    store(contact_m, spread(FREE * rig.length_m));
-    for (int lane = 0; lane < LANES; ++lane) {
-        const int row = std::min(lane, gravity_m_s2.shape[0] - 1);
-        for (int axis = 0; axis < 3; ++axis) gravity[axis][lane] = gravity_m_s2(row, axis);
-    }
-    const antenna::Presses presses = {view(parameters), rig.length_m,          rig.taper,          view(gravity),
-                                      view(contact_m),  {none[0], {2, LANES}}, {none[0], {LANES}}, false};
-    antenna::bend_lanes(REFERENCE, presses,
-                        {view(found.points_m), view(found.tangents), view(found.force_N), view(found.moment_Nm)});
-}
-
 void predict_free(const Rig& rig, const Frame& frame, Bent& bent, Fit& fit) {
     lay(rig, bent, fit.unknowns);
     if (frame.free == nullptr) {
         bend_and_see(rig, frame, REFERENCE, bent, true);
     } else {
-        const FreeShapes& known = *frame.free;
+        FreeShapes& known = *frame.free;
+        if (!known.bent) bend_free(known);
         for (int axis = 0; axis < 3; ++axis) {
             for (int j = 0; j < NODES; ++j) {
                 store(bent.points_m[axis][j], spread(known.points_m[axis][j][frame.lane]));

@@ -39,10 +39,7 @@ double read_by(const double (&row)[WRENCH], const ClampWrench& wrench);
 // Readings by a force of 1 N along y (0) or z (1) at a distance from the clamp, in their σ.
 double by_force(const Rig& rig, int reading, int axis, double distance_m);
 
-// The free antennas of some frames, at most LANES, under their gravities (some, 3).
-void bend_free(const Rig& rig, ConstMatrix gravity_m_s2, FreeShapes& found);
-
-// The prediction of the free antenna: one of the frame's, if known.
+// The prediction of the free antenna.
 void predict_free(const Rig& rig, const Frame& frame, Bent& bent, Fit& fit);
 
 // The prediction at the fit's unknowns; without `derivatives` its columns by the unknowns stay as they are.

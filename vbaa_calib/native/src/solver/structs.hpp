@@ -114,8 +114,11 @@ inline double load_at(const Rig& rig, double distance) {
     return 2.0 * rig.unit_load * antenna::deflection_by_contact(rig.taper, distance, distance);
 }
 
-// Free antennas of LANES frames next to each other, each under its own gravity.
+// Free antennas of at most LANES frames next to each other, each under its own gravity (some, 3); bent when asked for.
 struct FreeShapes {
+    const Rig* rig = nullptr;
+    ConstMatrix gravity_m_s2;
+    bool bent = false;
     double points_m[3][NODES][LANES], tangents[3][NODES][LANES];
     double force_N[3][LANES], moment_Nm[LANES];
 };
@@ -131,7 +134,7 @@ struct Frame {
     int tip_clamp;                     // the first node of the picture that it is in
     double available[READINGS];        // 1 where there is such a reading; less where it is noisier; 0 without
     double gravity_m_s2[3];            // antenna frame
-    const FreeShapes* free;            // if known, with its own among them
+    FreeShapes* free;                  // with its own among them, or none
     int lane;                          // its own
 
     const double* u() const { return points.begin(); }
