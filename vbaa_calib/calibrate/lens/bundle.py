@@ -175,7 +175,7 @@ def polished(bundle: Bundle, observations: Sequence[BoardCorners]) -> Bundle:
     iteration stopped."""
     sizes = sum(view.pixels.size for view in observations) - bundle.directions.shape[1] - 6 * len(observations)
     return refine(
-        bundle, observations, replace(CONVERGED, iterations=10, damping=1e-8, tolerance=1e-6**2 / max(sizes, 1))
+        bundle, observations, replace(CONVERGED, iterations=30, damping=1e-8, tolerance=1e-6**2 / max(sizes, 1))
     )
 
 
