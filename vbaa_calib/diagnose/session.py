@@ -852,14 +852,13 @@ def _single(witness: Witness, reported: float) -> Iterator[_Mistake]:
 def _explanations(witness: Witness) -> Iterator[Explanation[Witness]]:
     """Explanations that fit the pictures better than the reports do, with their log odds."""
     reported = witness.reported
-    base = -1e6 if reported is None else reported.log_likelihood
-    excess = witness.excess
+    base, excess = witness.log_likelihood, witness.excess
     ranked = []
-    causes = [cause for row in _TABLE for cause in row(witness)]
+    mistakes = [mistake for row in _TABLE for mistake in row(witness)]
     if excess > SETTINGS.misfit:
-        causes += _single(witness, base)
+        mistakes += _single(witness, base)
     widely = reported is None or reported.contradicted > 1 or reported.solution.prior_cost > SETTINGS.misfit
-    for cause in causes:
+    for cause in mistakes:
         if cause.gross and not (excess > SETTINGS.misfit and (widely or cause.single)):
             continue
         found, at = witness.forecast(cause.alter, cause.prior_std, slopes=cause.slopes, further=cause.further)

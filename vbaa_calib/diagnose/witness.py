@@ -261,10 +261,14 @@ class Witness:
         return max((one for one in (found, *others) if one is not None), key=lambda one: one.log_likelihood)
 
     @property
+    def log_likelihood(self) -> float:
+        """Log likelihood of the pictures with everything as reported; next to none where that has no solution."""
+        return -1e6 if self.reported is None else self.reported.log_likelihood
+
+    @property
     def excess(self) -> float:
         """Nats by which the pictures fit worse with everything as reported than where all is right."""
-        likelihood = -1e6 if self.reported is None else self.reported.log_likelihood
-        return -likelihood - SETTINGS.usual_cost * len(self.problem.observations)
+        return -self.log_likelihood - SETTINGS.usual_cost * len(self.problem.observations)
 
     @property
     def beyond_usual(self) -> float:
