@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from vbaa_calib.native import core
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False, repr=False, eq=False)  # read from the class
 class ContactSettings:
     """Thresholds of contacts."""
 

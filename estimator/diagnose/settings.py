@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False, repr=False, eq=False)  # read from the class
 class RecordingSettings:
     """Weights of a recording's frames as witnesses, and thresholds of comparison and report.
 

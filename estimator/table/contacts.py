@@ -72,7 +72,7 @@ def _vector(unit: str, meaning: str, names: str = "", shape: tuple[int, ...] = (
     return field(default_factory=lambda: np.full(shape, np.nan), metadata={"column": column})
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, init=False, repr=False)
 class _Common(Generic[Number, Flag, Text]):
     """Fields that the estimator's results and the table share."""
 
@@ -118,7 +118,7 @@ class _Common(Generic[Number, Flag, Text]):
     condition: Number = _column("–", "condition number of the information on distance, force and friction")
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, init=False, repr=False)
 class ContactEstimate(_Common[Number, Flag, Text]):
     """Numbers of one frame or, as arrays with a leading axis, of many; NaN where the data do not support them."""
 
@@ -200,7 +200,7 @@ class Contact(ContactEstimate[float, bool, str]):
         return float(self.bias.get(self.model, np.nan))
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, init=False, repr=False)
 class _Columns(_Common[Number, Flag, Text], Generic[Whole, Number, Flag, Text]):
     """Further columns of contacts.csv."""
 

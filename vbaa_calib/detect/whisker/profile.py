@@ -105,7 +105,7 @@ def _between(image: np.ndarray, line: Centreline, width_px: float, pulled_px: fl
 def measure_ribbon(picture: np.ndarray, path_px: np.ndarray, width_px: float) -> Centreline:
     """The centreline along a path (K, 2) on the antenna in a picture (H, W[, 3]): a ribbon, brighter or darker than
     both backgrounds, with illumination that varies smoothly along it."""
-    how = RibbonSettings()
+    how = RibbonSettings
     half = int(np.ceil(how.flank_widths * width_px + how.flank_px))
     path_px = np.ascontiguousarray(path_px, np.float64)
     picture = np.ascontiguousarray(picture if picture.ndim == 2 else picture[..., :3])

@@ -1,4 +1,7 @@
-"""Settings of the detector, one class a stage: search, profiles, ribbon, acceptance, looks, background."""
+"""Settings of the detector, one class a stage: search, profiles, ribbon, acceptance, looks, background.
+
+All but those of the search are read from the class: without methods it takes a quarter of the time to build.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +48,7 @@ class SearchSettings:
     # calibrated
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False, repr=False, eq=False)
 class ProfileSettings:
     """The line fitted to profiles of grey levels. Chosen on drawn pictures and on ten path-traced sessions."""
 
@@ -57,7 +60,7 @@ class ProfileSettings:
     row_pixels: int = 30  # next to a line, from which what a row's pixels share is taken off it
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False, repr=False, eq=False)
 class RibbonSettings:
     """Priors of an antenna's ribbon in a picture, and settings of its fit.
 
@@ -80,7 +83,7 @@ class RibbonSettings:
     passes: int = 8  # Gauss–Newton steps
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False, repr=False, eq=False)
 class AcceptanceSettings:
     """Whether a measured line is the antenna, and why parts of it are not seen.
 
@@ -112,7 +115,7 @@ class AcceptanceSettings:
     # of one whose polarity may change
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False, repr=False, eq=False)
 class StretchSettings:
     """Why stretches of the antenna are not seen: words for whoever takes pictures; no measurement depends on them."""
 
@@ -127,7 +130,7 @@ class StretchSettings:
     much_broader: float = 0.8  # share of the residuals that they may leave
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False, repr=False, eq=False)
 class LookSettings:
     """The antenna's colours as learnt from pictures, and what of a line has others."""
 
@@ -139,7 +142,7 @@ class LookSettings:
     strange_doubt: float = 0.3  # widths: error that points of another colour share along a shape that is likely
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False, repr=False, eq=False)
 class BackgroundSettings:
     """Registration of the empty scene to a picture."""
 
