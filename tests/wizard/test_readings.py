@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from vbaa_calib.wizard.questions import UNITS, complete, in_si
+from vbaa_calib.wizard.store import Store
 
 from .small_session import Tiny, call, expect_refused, finished, tiny
 
@@ -71,3 +72,15 @@ def test_a_table(name: str, tiny: Tiny, tmp_path: Path) -> None:
     table.write_bytes(content if isinstance(content, bytes) else content.encode())
     outcome = call(tiny.session, "--redo", step, f"--{step}-readings", table)
     expect_refused(tiny, outcome, *words)
+
+
+def test_a_further_camera_has_the_answers_of_the_first(tiny: Tiny) -> None:
+    """Board, jig, antenna and loads, but not where its pictures come from, which is asked for."""
+    code, said = call(tiny.session, "--another-camera", "left of it")
+    assert (code, "its own name" in said) == (2, True)
+    code, said = call(tiny.session, "--another-camera", "right")
+    assert (code, "is not answered" in said) == (2, True), said
+    with Store(tiny.session / "cameras" / "right") as own:
+        kept = own.journal.answers
+    assert kept["jig_translation_mm"] == [28, 61, -9]
+    assert kept.get("source") != str(tiny.source)
