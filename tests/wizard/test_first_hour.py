@@ -23,7 +23,7 @@ from vbaa_calib.wizard.questions import Question
 from vbaa_calib.wizard.session_state import SessionState, still_of
 from vbaa_calib.wizard.steps import Progress, Step
 from vbaa_calib.wizard.store import Store
-from vbaa_calib.wizard.ui import Ui, WizardView
+from vbaa_calib.wizard.ui import LivePicture, Ui, WizardView
 from viz.report import check as report
 
 from ..small_scene import simulated, small_scene
@@ -57,7 +57,7 @@ class Person(Ui):
         self.given = answers(session) | {"source": str(camera), "board_thickness_mm": self._thickness_mm()}
         loaded = load_session(session)
         self.stills = {"noload": read_noload(loaded), "loads": read_loads(loaded)}
-        self.idle, self.advice = 0, list[str]()
+        self.idle, self.advice, self.matches = 0, list[str](), set[str]()
 
     def _thickness_mm(self) -> float:
         return 1e3 * float(read_yaml(self.session / "session.yaml")["board"].get("thickness_m", 0.0))
@@ -70,6 +70,11 @@ class Person(Ui):
     def show(self, step: Step, progress: Progress) -> None:
         self.advice.append(progress.next)
         super().show(step, progress)
+
+    def live(self, picture: LivePicture) -> None:
+        if picture.check.closeness is not None:
+            self.matches.add(self.step.name if self.step else "")
+        super().live(picture)
 
     def ask(self, question: Question, facts: Mapping[str, Any] | None = None) -> Any:
         self.count += 1
@@ -155,6 +160,7 @@ def test_from_the_first_question_to_the_rig(session: Path, walked: tuple[Session
     assert person.count <= MOST_ANSWERS
     assert len([key for key in person.asked if key != "readings"]) <= MOST_WITHOUT_READINGS
     assert person.document["verdict"] != "does not hold", person.document["words"]
+    assert person.matches == {"lens"}, "how near each picture is to the pose suggested"
     for step in ("lens", "plane", "noload", "loads"):
         assert {one.source.split("_")[0] for one in journal.of(step).taken} == {step}
     assert "moved" in next(one.why for one in journal.of("plane").left if one.source == "plane_0x.jpg")

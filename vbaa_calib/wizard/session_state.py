@@ -161,6 +161,11 @@ class SessionState:
             raise found
         return found
 
+    def known(self, name: Hashable, inputs: Hashable) -> Any:
+        """The result that `cached` has computed for these inputs; None where it has none."""
+        before, found = self._cache.get(name, (None, None))
+        return None if before != inputs or isinstance(found, VbaaError) else found
+
     def inputs(self, *steps: str) -> Hashable:
         """A cache key that changes with any answer, any picture of these steps, and its readings."""
         answers = tuple(sorted((key, repr(value)) for key, value in self._answers.items()))

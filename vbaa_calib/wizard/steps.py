@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -218,7 +218,9 @@ def _check_lens(state: SessionState, picture: Picture, readings: Readings | None
         check = replace(check, refusal=f"taken as {views[-1].name}: now another pose")
     elif (again := same_pose(view, views, state.board)) is not None:
         check = replace(check, refusal=str(again), hints=(*check.hints, again))
-    if (now := _guidance(state)).suggestion is None:
+    # how near it is to the pose suggested: where one was, for folders that nobody watches need none
+    now: ViewProgress | None = state.known("guidance", _guidance_inputs(state))
+    if now is None or now.suggestion is None:
         return check
     camera = None if now.solution is None else now.solution.camera
     close, closer = pose_match(now.suggestion, view, state.board, camera)
@@ -227,7 +229,7 @@ def _check_lens(state: SessionState, picture: Picture, readings: Readings | None
 
 def _guidance(state: SessionState) -> ViewProgress:
     """Uncertainty of points on plane C from the pictures so far, and the board pose that would reduce it most."""
-    size = state.live_size or (1280, 720)
+    _, size = inputs = _guidance_inputs(state)
 
     def made() -> ViewProgress:
         try:
@@ -236,7 +238,12 @@ def _guidance(state: SessionState) -> ViewProgress:
             solution = None
         return lens_progress(state.views("lens"), state.board, state.work_plane(), GuideSettings.goal_m, size, solution)
 
-    return state.cached("guidance", (state.inputs("lens", "plane"), size), made)
+    return state.cached("guidance", inputs, made)
+
+
+def _guidance_inputs(state: SessionState) -> tuple[Hashable, tuple[int, int]]:
+    """What the guidance depends on, and the size of the pictures to come."""
+    return state.inputs("lens", "plane"), state.live_size or (1280, 720)
 
 
 def _lens_progress(state: SessionState) -> Progress:
