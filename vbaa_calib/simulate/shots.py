@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from itertools import chain, pairwise
+from functools import lru_cache
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -83,12 +84,9 @@ def render_shot(
     if isinstance(shot, BoardShot):
         patches = board_patches(place, sheet, shot.T_camera_board, T_world_camera.rotation)
     else:
-        antenna, *holder = wires_of(scene, shot.arclength_m, shot.points_m)
-        hidden_by = [obstacle_of(scene, place, shot), None]
-        patches = chain.from_iterable(
-            _wire_patches(scene, place, wire, T_world_camera, other)
-            for wire, other in zip([antenna, *holder], hidden_by, strict=False)
-        )
+        antenna = wires_of(scene, shot.arclength_m, shot.points_m)[0]
+        own = _wire_patches(scene, place, antenna, T_world_camera, obstacle_of(scene, place, shot))
+        patches = [*own, *_holder_patches(scene, place, shot.joints)]
         thing = None if shot.indentation_m is None else object_patch(place, scene.object, T_world_camera)
         canvas = canvas if thing is None else thing.over(canvas)
     return digitise(place.spec, expose(place, canvas, patches), rng)
@@ -112,6 +110,23 @@ def _wire_patches(
 ) -> list[ImagePatch]:
     seen = wire.seen(scene, T_world_camera.rotation.T @ LAMP_WORLD)
     return tube_patches(place, seen, wire.paint, wire.asymmetry, hidden_by)
+
+
+def _holder_patches(scene: SceneSpec, place: Studio, joints: Joints) -> list[ImagePatch]:
+    """The holder, if there is one, which only the light from the lamp changes."""
+    lamp = scene.T_world_antenna(joints).rotation.T @ LAMP_WORLD
+    light = float(Tube.lit(np.sqrt(max(1.0 - lamp[0] ** 2, 0.0))))  # it lies along the antenna frame's x axis
+    return [replace(patch, brightness=light * patch.brightness) for patch in _holder_in_full_light(scene, place)]
+
+
+@lru_cache(maxsize=8)
+def _holder_in_full_light(scene: SceneSpec, place: Studio) -> list[ImagePatch]:
+    full = np.zeros(3)  # from a lamp across every tube
+    return [
+        patch
+        for holder in wires_of(scene, np.linspace(0.0, 1.0, 4), np.zeros((4, 3)))[1:]
+        for patch in tube_patches(place, holder.seen(scene, full), holder.paint, holder.asymmetry)
+    ]
 
 
 def render_over(

@@ -137,6 +137,7 @@ struct Lit {
 Lit lit(const Body& body, const Point& start, const Vectors& rays, const Light& light) {
     const Eight hit = first_hits(body, start, rays);
     const auto found = hit.face >= 0.0;
+    if (!found.any()) return {0.0, hit.face};
     const Vectors point = start + choose(found, hit.depth, 0.0) * rays;
     const Lanes stains =
         sine(dot(Point{310.0, 120.0, -90.0}, point)) + sine(dot(Point{-70.0, 210.0, 260.0}, point) + 1.0);

@@ -172,13 +172,23 @@ int first_within(const Object& object, ConstCube rotations, ConstMatrix origins_
         Bump bump = bump_of(object.bumps, k);
         steepest += std::abs(bump.height_m) / bump.width_m;
     }
+    const int count = points_m.shape[0];
+    double room = 0.0, apart = 0.0;  // the largest room, and distance of a point from the next
+    for (int n = 0; n < count; ++n) {
+        room = std::max(room, room_m[n]);
+        if (n > 0) apart = std::max(apart, norm(read<Point>(&points_m(n, 0)) - read<Point>(&points_m(n - 1, 0))));
+    }
     for (int i = 0; i < rotations.shape[0]; ++i) {
         Rotation rotation = read<Rotation>(&rotations(i, 0, 0));
         Point origin = read<Point>(&origins_m(i, 0));
-        for (int n = 0; n < points_m.shape[0]; ++n) {
+        for (int n = 0; n < count;) {
             Point point = rotation.turned(read<Point>(&points_m(n, 0))) + origin;
-            if (object.kind == FREEFORM && rough_distance(object, point) > steepest * room_m[n]) continue;
-            if (signed_distance(object, point).distance_m < room_m[n]) return i;
+            double away = 0.0;
+            if (object.kind == FREEFORM) away = rough_distance(object, point) / steepest;
+            if (away <= room_m[n]) away = signed_distance(object, point).distance_m;
+            if (away < room_m[n]) return i;
+            // no nearer to the object than that, less the way to them, are the next ones
+            n += away > room + apart ? static_cast<int>(std::min((away - room) / apart, 1.0 * count)) : 1;
         }
     }
     return rotations.shape[0];

@@ -476,19 +476,20 @@ std::vector<TubePart> tube_parts(ConstMatrix curve, int width, int height, int r
         right[j] = (column + 0.5) / factor - 0.5, below[j] = (row + 0.5) / factor - 0.5;
     }
     std::vector<TubePart> parts;
+    std::vector<int> covered;
+    std::vector<Point> seen;
     for (std::size_t own = 0; own < boxes.size(); ++own) {
         const Box& box = boxes[own];
         if (box.right < 0) continue;
         const int left = std::max(box.left - room, 0), columns = std::min(box.right + room + 1, width) - left;
         const int top = std::max(box.top - room, 0), rows = std::min(box.bottom + room + 1, height) - top;
-        TubePart& part = parts.emplace_back(
-            TubePart{left, top, Array<float, 3>(2, rows * factor, columns * factor), Array<double, 2>(rows, columns)});
+        Array<float, 3> fine(2, rows * factor, columns * factor);
+        covered.clear(), seen.clear();
         for (int row = box.top; row <= box.bottom; ++row) {
             for (int column = box.left; column <= box.right; ++column) {
                 const int at = near.nearest(row - near.top, column - near.left);
                 if (at < 0 || static_cast<std::size_t>(at / stretch) != own) continue;
                 const auto tube = read<Sample>(&curve(at, 0));
-                part.depth(row - top, column - left) = tube.depth;
                 const double u = column - tube.u, v = row - tube.v, scale = tube.half_width * factor;
                 const double across = u * tube.normal_u + v * tube.normal_v;
                 for (int j = 0; j < each; ++j) {
@@ -507,11 +508,20 @@ std::vector<TubePart> tube_parts(ConstMatrix curve, int width, int height, int r
                 }
                 for (int j = 0; j < each; ++j) {
                     const int y = (row - top) * factor + j / factor, x = j % factor * columns + column - left;
-                    part.fine(0, y, x) = static_cast<float>(shade[j]);
-                    part.fine(1, y, x) = static_cast<float>(cover[j]);
+                    fine(0, y, x) = static_cast<float>(shade[j]);
+                    fine(1, y, x) = static_cast<float>(cover[j]);
+                    if (cover[j] <= 0.0) continue;
+                    covered.push_back(y * factor * columns + x);
+                    seen.push_back({column + right[j], row + below[j], tube.depth});
                 }
             }
         }
+        const int count = static_cast<int>(covered.size());
+        Array<int, 1> places(Unset{}, count);
+        Array<double, 2> pixels(Unset{}, count, 3);
+        std::copy(covered.begin(), covered.end(), places.begin());
+        for (int k = 0; k < count; ++k) write(seen[k], &pixels(k, 0));
+        parts.push_back({left, top, std::move(fine), std::move(places), std::move(pixels)});
     }
     return parts;
 }

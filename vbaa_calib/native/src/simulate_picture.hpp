@@ -51,11 +51,13 @@ Array<std::uint8_t, 2> digitised(ConstPicture grey, double electrons_per_grey, d
 std::array<Array<double, 2>, 2> spline(ConstVector places, ConstMatrix points, ConstVector at);
 
 // What a stretch of a tube shows of itself in a picture, with room around it: left and top pixel, brightness and
-// covered part of its sub-pixels (2, rows·factor, factor·columns), and the depth (rows, columns) of the tube there.
+// covered part of its sub-pixels (2, rows·factor, factor·columns); of those that it covers their place among all (N,),
+// and their pixels and depths (N, 3).
 struct TubePart {
     int left, top;
     Array<float, 3> fine;
-    Array<double, 2> depth;
+    Array<int, 1> covered;
+    Array<double, 2> seen;
 };
 // curve: (N, 9) pixel, tangent, normal, half width, light and depth of the tube's samples. Each pixel belongs to one
 // stretch. asymmetry: how much brighter one flank is.

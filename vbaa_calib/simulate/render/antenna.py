@@ -37,6 +37,11 @@ class Tube:
     depth_m: np.ndarray
     facing: np.ndarray
 
+    @staticmethod
+    def lit(facing: np.ndarray) -> np.ndarray:
+        """The part of its paint's brightness that a tube has which lies so squarely to the lamp."""
+        return 0.7 + 0.3 * facing
+
 
 def tube(
     lens: Lens,
@@ -88,22 +93,16 @@ def tube_patches(
     paint : albedo, 0 to 1.
     asymmetry : how much brighter one flank is; with 0 the centroid across the tube lies on the axis.
     """
-    numbers = (seen.pixels, seen.tangents, seen.normals, seen.half_width_px, paint * (0.7 + 0.3 * seen.facing))
+    numbers = (seen.pixels, seen.tangents, seen.normals, seen.half_width_px, paint * Tube.lit(seen.facing))
     curve, factor = np.column_stack([*numbers, seen.depth_m]), PAINT.antenna_subpixels
     size = place.rays.lens.image_size
     found = core.simulate.tube_parts(curve, size, place.room_px, factor, asymmetry)
     if obstacle is not None:
-        covered = [np.nonzero(fine[1]) for _, _, fine, _ in found]
-        at = [(y, x % depth.shape[1], x // depth.shape[1]) for (y, x), (*_, depth) in zip(covered, found, strict=True)]
-        pixels = [
-            np.stack([left + column + (within + 0.5) / factor, top + (y + 0.5) / factor], axis=1) - 0.5
-            for (y, column, within), (left, top, _, _) in zip(at, found, strict=True)
-        ]
-        nearest = obstacle(np.concatenate([*pixels, np.zeros((0, 2))]))
-        for (_, _, fine, depth), (y, column, _), (_, x) in zip(found, at, covered, strict=True):
-            hidden = nearest[: len(y)] < depth[y // factor, column]
-            fine[:, y[hidden], x[hidden]], nearest = 0.0, nearest[len(y) :]
-    return [ImagePatch(left, top, factor, *fine) for left, top, fine, _ in found]
+        nearest = obstacle(np.concatenate([np.zeros((0, 2)), *(at[:, :2] for *_, at in found)]))
+        for _, _, fine, covered, at in found:
+            hidden = nearest[: len(at)] < at[:, 2]
+            fine.reshape(2, -1)[:, covered[hidden]], nearest = 0.0, nearest[len(at) :]
+    return [ImagePatch(left, top, factor, *fine) for left, top, fine, *_ in found]
 
 
 def visible_centreline(lens: Lens, seen: Tube, obstacle: DepthOfObstacle | None, step_px: float = 1.0) -> np.ndarray:

@@ -179,8 +179,8 @@ auto tube_parts(const InMatrix& curve, std::array<int, 2> size, int room, int fa
     auto found = unlocked([&] { return simulate::tube_parts(view(curve), width, height, room, factor, asymmetry); });
     nb::list parts;
     for (simulate::TubePart& part : found)
-        parts.append(
-            nb::make_tuple(part.left, part.top, to_numpy(std::move(part.fine)), to_numpy(std::move(part.depth))));
+        parts.append(nb::make_tuple(part.left, part.top, to_numpy(std::move(part.fine)),
+                                    to_numpy(std::move(part.covered)), to_numpy(std::move(part.seen))));
     return parts;
 }
 
@@ -230,7 +230,8 @@ void bind_simulate(nb::module_& module) {
     room.def("digitised", &digitised, "(H, W) uint8 grey levels with noise.");
     room.def("spline", &spline, "(M, D) values and slopes of the cubic spline through points.");
     room.def("tube_parts", &tube_parts,
-             "Of each stretch of a tube: left, top, brightness and covered part (2, H·F, F·W) float32, depth (H, W).");
+             "Of each stretch of a tube: left, top, brightness and covered part (2, H·F, F·W) float32; of covered "
+             "sub-pixels their places (N,) int32, and pixels and depths (N, 3).");
     room.def("advance", &advance, "Contacts (B, 23) after a step with friction, and which were found (B,) uint8.");
     room.def("gripped", &gripped, "The grip that keeps Coulomb's law, two components.");
 }
