@@ -12,7 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from benchmarks.harness import Draws, Findings, Options, column, mean, rms, table, timed
+from benchmarks.harness import SILENT, Draws, Findings, Options, column, covered, mean, rms, table, timed
 from benchmarks.mistakes.recordings import Motion, Recording, recorded
 from benchmarks.mistakes.rigs import KINDS, Calibrated, calibrated_rig, drifted
 from estimator import Contact, ContactEstimator
@@ -23,7 +23,6 @@ from vbaa_calib.session import DRIFTS, Drift
 
 FREE, TOUCHED = 10, 30
 """Frames of a recording: of the free antenna, which come first, and of contacts."""
-_SILENT = 5.0
 """Deviations beyond which an `ok` frame counts as wrong."""
 _REACH, _SLOPE_RAD = (0.3, 0.92), (0.03, 0.12)
 """Contact distances, in antenna lengths, and slopes of the antenna there."""
@@ -132,13 +131,13 @@ def _row(change: str, way: str, now: Draws, base: Draws) -> Row:
         contacts=int(now.touched.sum()),
         usable=float(located.sum() / now.touched.sum()),
         lost=float((was & ~located).sum() / max(was.sum(), 1)),
-        silent=mean(off > _SILENT),
+        silent=mean(off > SILENT),
         worst=float(off.max(initial=0.0)),
         l_rms=rms(now.error[located]),
         l_median=float(np.median(np.abs(now.error[located]))) if located.any() else np.nan,
         ratio=rms(now.error[both]) / rms(base.error[both]),
         bound=rms(now.std[both]) / rms(base.std[both]),
-        covered=mean(off < 1.96),
+        covered=covered(off),
         free=float(now.free[~now.touched].mean()),
         frame_ms=1e3 * float(now.seconds.sum()) / len(now.touched),
     )
@@ -152,7 +151,7 @@ def measure(options: Options) -> Findings:
     )
     title = (
         f"{FREE} free frames and {TOUCHED} contacts a rig; lost: located without the change, and not with it; "
-        f"silent: off by over {_SILENT:g} deviations"
+        f"silent: off by over {SILENT:g} deviations"
     )
     return Findings(
         table(rows, title, once=1),

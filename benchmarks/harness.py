@@ -111,6 +111,16 @@ def mean_known(values: np.ndarray) -> float:
     return mean(values[np.isfinite(values)])
 
 
+WITHIN, SILENT = 1.96, 5.0
+"""Standard deviations within which 95 % of errors lie, and beyond which an error that nothing warns of is silent."""
+
+
+def covered(errors: np.ndarray, std: np.ndarray | float = 1.0) -> float:
+    """Share of 95 % intervals that contain the truth, of errors that have a standard deviation; NaN of nothing."""
+    known = np.isfinite(errors) & np.isfinite(std)
+    return mean((np.abs(errors) <= WITHIN * np.asarray(std))[known])
+
+
 def spread(values: np.ndarray, errors: np.ndarray) -> tuple[float, float, float]:
     """Mean of values, scatter and root mean square of their errors; NaN without any."""
     return mean(values), float(np.std(errors)) if len(errors) else np.nan, rms_known(errors)

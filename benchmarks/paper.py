@@ -17,7 +17,19 @@ import numpy as np
 from benchmarks.estimator.scenes import seen
 from benchmarks.estimator.setup import TOWARDS_CLAMP, Setup, drawn_truth, filling_pose, rod_of
 from benchmarks.figures import COLOURS, INK, SHADE, label, panels
-from benchmarks.harness import Draws, Findings, Options, column, concatenated, mean, rms_known, row_of, spread, table
+from benchmarks.harness import (
+    Draws,
+    Findings,
+    Options,
+    column,
+    concatenated,
+    covered,
+    mean,
+    rms_known,
+    row_of,
+    spread,
+    table,
+)
 from benchmarks.object.scenes import contact_table
 from estimator import ContactEstimator
 from estimator.object.estimate import ObjectEstimate, estimate_object
@@ -297,7 +309,7 @@ def _sensing_rows(
             float(said.mean()),
             *spread(1e3 * distance[said, place], missed),
             (rms_known(stated)),
-            mean(np.abs(missed) <= 1.96 * stated),
+            covered(missed, stated),
             *spread(direction_deg(force[said, place]), turned[said, place]),
             (rms_known(lean[said, place])),
         )

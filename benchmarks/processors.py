@@ -324,10 +324,10 @@ def main() -> int:
 def _key_numbers(reports: Mapping[str, Mapping[str, Report]]) -> list[str]:
     """EI, N·m², and the focal length, px, of the first scene, to a ten-thousandth of their deviations."""
     rig = next(iter(reports.values()))["calibration"].numbers
-    told = []
+    words = []
     for value, std in ((rig["EI"][0][0], rig["EI"][1][0]), (rig["lens"][0][0], rig["lens"][1][0])):
-        told.append(f"{value:.{max(0, 4 - int(np.floor(np.log10(std))))}f}")
-    return told
+        words.append(f"{value:.{max(0, 4 - int(np.floor(np.log10(std))))}f}")
+    return words
 
 
 if __name__ == "__main__":

@@ -30,11 +30,12 @@ from benchmarks.estimator.scenes import (
 from benchmarks.estimator.setup import Setup, drawn_truth
 from benchmarks.figures import COLOURS, INK, label, legend, panels
 from benchmarks.harness import (
+    SILENT,
     Findings,
     Options,
     column,
     concatenated,
-    mean,
+    covered,
     median,
     processor_seconds,
     rms,
@@ -70,7 +71,6 @@ _SPAN = 0.2
 
 
 _FRICTION_RAD = 0.2
-_COVERED, _SILENT = 1.96, 5.0
 _RIGS, _FEWER = 100, 20
 """True rigs, and by how much fewer contacts there are of each than of a rig that is known exactly: their errors go
 together, so that the intervals' share scatters with the number of rigs."""
@@ -106,9 +106,9 @@ class ContactsRow:
     bound_rms_mm: float = _of_draws(lambda errors: np.sqrt(np.nanmean(errors**2)), "bound")
     force: float = column("force %", ".2f", 100, lambda d: float(np.nanmedian(d.missed_part)))
     force_bound: float = column("bound", ".2f", 100, lambda d: float(np.nanmedian(d.lateral)))
-    covered: float = column("covered %", ".1f", 100, lambda d: mean(d.score < _COVERED))
-    force_covered: float = column("force covered %", ".1f", 100, lambda d: mean(d.force_score < _COVERED))
-    silent: int = column("silent", "d", of=lambda d: int((d.score > _SILENT).sum()))
+    covered: float = column("covered %", ".1f", 100, lambda d: covered(d.score))
+    force_covered: float = column("force covered %", ".1f", 100, lambda d: covered(d.force_score))
+    silent: int = column("silent", "d", of=lambda d: int((d.score > SILENT).sum()))
     ms: float = column("ms", ".3f")
     ratio: float = column("ratio", ".2f")
 

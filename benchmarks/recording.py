@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from benchmarks.estimator.setup import drawn_truth
-from benchmarks.harness import Draws, Findings, Options, column, picked, rms, row_of, table, timed
+from benchmarks.harness import Draws, Findings, Options, column, covered, picked, rms, row_of, table, timed
 from benchmarks.object.scenes import RIGID, SETUP, SOFT, Recorded, contacts, played
 from estimator.recording import refine
 from estimator.recording.problem import FrictionPrior
@@ -22,7 +22,6 @@ from estimator.table.contacts import ContactTable, Measured
 from vbaa_calib.core.console import progress
 from vbaa_calib.rig import Rig
 
-_WIDE = 1.96
 _WORSE = 0.2
 """Deviations by which a refined distance may be farther off than the frame-wise one."""
 _KNOWN_ANGLE_RAD = 1e-3
@@ -63,7 +62,8 @@ class RecordingRow:
     """One cell over its draws; of the contact points in the world, rms. `bound` : of the recording, with the friction
     angle known. `worse` : share of frames that are farther off than frame by frame by more than 0.2 deviations.
 
-    held : shares of 95 % intervals that hold the truth, over rigs. `given_back` : share of draws that were not refined.
+    *_covered : shares of 95 % intervals that contain the truth, over rigs. `unrefined` : share of draws that were not
+        refined.
     """
 
     object: str = column("object")
@@ -75,14 +75,14 @@ class RecordingRow:
     refined_mm: float = column("refined mm", ".2f", of=lambda d: 1e3 * _square(d.refined_m))
     ratio: float = column("ratio", ".2f", of=lambda d: _square(d.refined_m) / _square(d.point_m))
     of_bound: float = column("× bound", ".2f", of=lambda d: _square(d.refined_m) / rms(d.bound_m))
-    point_held: float = column("point held %", ".1f", 100.0, of=lambda d: float(d.held_point.mean()))
-    distance_held: float = column("l held %", ".1f", 100.0, of=lambda d: float(d.held_distance.mean()))
-    force_held: float = column("f held %", ".1f", 100.0, of=lambda d: float(d.held_force.mean()))
+    point_covered: float = column("point covered %", ".1f", 100.0, of=lambda d: covered(d.point_off))
+    distance_covered: float = column("l covered %", ".1f", 100.0, of=lambda d: covered(d.distance_off))
+    force_covered: float = column("f covered %", ".1f", 100.0, of=lambda d: covered(d.force_off))
     worse: float = column("worse %", ".1f", 100.0, of=lambda d: float(d.worse.mean()))
     foreign: float = column("foreign", ".1f", of=lambda d: float(d.foreign.mean()))
-    given_back: float = column("given back %", ".0f", 100.0, of=lambda d: float(d.given_back.mean()))
-    mu_told: float = column("μ told", ".2f", of=lambda d: float(d.mu_told.mean()))
-    mu_held: float = column("held", ".2f", of=lambda d: float(d.mu_held.mean()))
+    unrefined: float = column("unrefined %", ".0f", 100.0, of=lambda d: float(d.unrefined.mean()))
+    mu_determined: float = column("μ determined", ".2f", of=lambda d: float(d.mu_determined.mean()))
+    mu_covered: float = column("covered", ".2f", of=lambda d: float(d.mu_covered.mean()))
     frame_ms: float = column("ms a frame", ".2f", of=lambda d: 1e3 * float(d.seconds.sum()) / float(d.frames.sum()))
 
 
@@ -168,14 +168,14 @@ def judge(recorded: Recorded) -> SimpleNamespace:
         point_m=off,
         refined_m=close,
         bound_m=bound_m(found, recorded, lines, rows),
-        held_point=np.abs(close) <= _WIDE * std,
-        held_distance=np.abs(l_after) <= _WIDE * after.distance_std_m,
-        held_force=np.abs(force) <= _WIDE * force_std,
+        point_off=close / std,
+        distance_off=l_after / after.distance_std_m,
+        force_off=force / force_std,
         worse=np.abs(l_after) - np.abs(l_before) > _WORSE * before.distance_std_m,
         foreign=float(as_one.foreign.sum()),
-        mu_told=rub is not None and rub.determined,
-        mu_held=rub is not None and bool(rub.interval[0] <= recorded.object.friction <= rub.interval[1]),
-        given_back=bool(as_one.reason),
+        mu_determined=rub is not None and rub.determined,
+        mu_covered=rub is not None and bool(rub.interval[0] <= recorded.object.friction <= rub.interval[1]),
+        unrefined=bool(as_one.reason),
         seconds=seconds,
     )
 

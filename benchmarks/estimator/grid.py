@@ -11,9 +11,8 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm
 
-from benchmarks.harness import Draws, Findings, Options, column, mean, rms, rms_known, row_of, table
+from benchmarks.harness import Draws, Findings, Options, column, covered, mean, rms, rms_known, row_of, table
 from estimator.contact.contacts import Contacts
 from vbaa_calib.core.console import progress
 from vbaa_calib.rig import Rig
@@ -164,8 +163,8 @@ def _quality(errors: np.ndarray, predicted_std: np.ndarray, bound_std: float) ->
     """`of_bound`, `bias` and `covered` of errors (D,) with predicted deviations (D,); NaN with fewer than two."""
     if len(errors) < 2:
         return np.nan, np.nan, np.nan
-    inside, scaled = np.abs(errors) <= norm.isf((1 - _REGION) / 2) * predicted_std, errors / bound_std
-    return rms(scaled), float(scaled.mean() / scaled.std(ddof=1)), float(inside.mean())
+    scaled = errors / bound_std
+    return rms(scaled), float(scaled.mean() / scaled.std(ddof=1)), covered(errors, predicted_std)
 
 
 _OF_BOUND_GOAL = 1.05
@@ -271,12 +270,13 @@ def measure(options: Options) -> Findings:
     lines, cases = summary(cells), hard.run(max(draws // 2, 4), seed)
     random = hard.hostile((50 if quick else 100) * draws, seed)
     found: dict[str, Sequence[Any]] = {"estimator": cells, "estimator_hard": cases, "estimator_random": random}
-    told = {line.measure: line for line in lines if line.quantity == "l"}
+    distance = {line.measure: line for line in lines if line.quantity == "l"}
     headline = "no kind of scene could be judged"
-    if told:
+    if distance:
+        of_bound, inside = distance["of_bound"], 100 * distance["covered"].pooled
         headline = (
-            f"distance: rms error {told['of_bound'].pooled:.2f} × the bound over {told['of_bound'].cells} kinds of "
-            f"scene, {100 * told['covered'].pooled:.0f} % covered"
+            f"distance: rms error {of_bound.pooled:.2f} × the bound over {of_bound.cells} kinds of scene, "
+            f"{inside:.0f} % covered"
         )
     return Findings(
         "\n\n".join((grid_text(cells, lines), hard.hard_text(cases), hard.hostile_text(random))),

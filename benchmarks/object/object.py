@@ -7,17 +7,16 @@ from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
-from scipy.stats import chi2, norm
+from scipy.stats import chi2
 
 from benchmarks.estimator.setup import drawn_truth
-from benchmarks.harness import Draws, Findings, Options, column, mean, rms_known, row_of, table
+from benchmarks.harness import Draws, Findings, Options, column, covered, mean, rms_known, row_of, table
 from benchmarks.object.scenes import CASES, RIGID, SETUP, SOFT, SOFTER, Case, Recorded, contacts, played
 from estimator.object.estimate import ObjectEstimate, estimate_object
 from estimator.table.contacts import FRICTION_RAD
 from vbaa_calib.core.console import progress
 
 _REGION = 0.95
-_WIDE = float(norm.isf((1.0 - _REGION) / 2.0))
 _LEAST_VARIANCE = 1e-12
 _LEAST_FORCE_N = 0.01
 """Directions of smaller forces are not judged."""
@@ -50,11 +49,11 @@ def judge(recorded: Recorded, friction_rad: float = FRICTION_RAD) -> SimpleNames
         force_rad=_angle(table.force_world_N[forces], truth.normal_world[forces]),
         true_mu=obj.friction,
         mu=rub.mu,
-        mu_told=rub.determined,
+        mu_determined=rub.determined,
         mu_inside=bool(rub.interval[0] <= obj.friction <= rub.interval[1]),
         true_stiffness_N_m=obj.stiffness_N_m,
         stiffness_N_m=soft.stiffness_N_m,
-        stiffness_told=soft.determined,
+        stiffness_determined=soft.determined,
         stiffness_inside=bool(soft.interval_N_m[0] <= obj.stiffness_N_m <= soft.interval_N_m[1]),
     )
 
@@ -78,12 +77,6 @@ def _normals(felt: ObjectEstimate, true: np.ndarray) -> tuple[np.ndarray, np.nda
     square = np.where(known, along**2 / np.where(known, values, 1.0), 0.0).sum(axis=1)
     limit = chi2.ppf(_REGION, np.maximum(known.sum(axis=1), 1))
     return _angle(found, true), square <= limit
-
-
-def _covered(errors: np.ndarray, std: np.ndarray) -> float:
-    """Share of the 95 % intervals, where there are any, that hold the truth."""
-    known = np.isfinite(std) & np.isfinite(errors)
-    return float((np.abs(errors[known]) <= _WIDE * std[known]).mean()) if known.any() else np.nan
 
 
 _SURFACE_OF_POINTS_GOAL, _SURFACE_GOAL_M = 2.0, 1e-3
@@ -128,8 +121,8 @@ class ObjectRow:
     stiffness_N_m : NaN for a rigid object. contacts : touches of a draw. surface_mm : of the drawn surface's vertices.
     point_mm : of the contact points along the normal, whose own deviations are point_std_mm.
     normal_deg, force_deg : angle of the estimated normals and of the forces to the true normal.
-    mu_error, stiffness_error (relative) : over the draws in which they are told. *_told : share of these draws.
-        *_covered : shares of 95 % regions that hold the truth.
+    mu_error, stiffness_error (relative) : over the draws in which they are determined. *_determined : share of these
+        draws. *_covered : shares of 95 % regions that contain the truth.
     """
 
     object: str = column("object")
@@ -139,18 +132,18 @@ class ObjectRow:
     draws: int = column(of=len)
     contacts: float = column("touches", ".0f", of=lambda d: float(d.contacts.mean()))
     surface_mm: float = column("surface mm", ".3f", of=lambda d: 1e3 * rms_known(d.surface_m))
-    surface_covered: float = column("cov", ".2f", of=lambda d: _covered(d.surface_m, d.surface_std_m))
+    surface_covered: float = column("cov", ".2f", of=lambda d: covered(d.surface_m, d.surface_std_m))
     point_mm: float = column("points mm", ".3f", of=lambda d: 1e3 * rms_known(d.point_m))
     point_std_mm: float = column("std", ".3f", of=lambda d: 1e3 * rms_known(d.point_std_m))
-    point_covered: float = column("cov", ".2f", of=lambda d: _covered(d.point_m, d.point_std_m))
+    point_covered: float = column("cov", ".2f", of=lambda d: covered(d.point_m, d.point_std_m))
     normal_deg: float = column("normal °", ".2f", of=lambda d: float(np.degrees(rms_known(d.normal_rad))))
     normal_covered: float = column("cov", ".2f", of=lambda d: float(d.normal_inside.mean()))
     force_deg: float = column("force °", ".2f", of=lambda d: float(np.degrees(rms_known(d.force_rad))))
     mu_error: float = column("μ error", ".4f", of=lambda d: rms_known(d.mu - d.true_mu))
-    mu_told: float = column("told", ".2f", of=lambda d: float(d.mu_told.mean()))
+    mu_determined: float = column("determined", ".2f", of=lambda d: float(d.mu_determined.mean()))
     mu_covered: float = column("cov", ".2f", of=lambda d: float(d.mu_inside.mean()))
     stiffness_error: float = column("k error %", ".1f", 100, of=_stiffness_error)
-    stiffness_told: float = column("told", ".2f", of=lambda d: float(d.stiffness_told.mean()))
+    stiffness_determined: float = column("determined", ".2f", of=lambda d: float(d.stiffness_determined.mean()))
     stiffness_covered: float = column("cov", ".2f", of=lambda d: float(d.stiffness_inside.mean()))
 
     @property
@@ -165,7 +158,7 @@ class ObjectRow:
             "force": self.rig.endswith("slippery") and self.force_deg > np.degrees(_FORCE_GOAL_RAD),
             "friction": not self.mu_error <= _MU_GOAL,
             "stiffness": np.isfinite(self.stiffness_N_m)
-            and not (self.stiffness_error <= _STIFFNESS_GOAL and self.stiffness_told == 1.0),
+            and not (self.stiffness_error <= _STIFFNESS_GOAL and self.stiffness_determined == 1.0),
         }
         return tuple(name for name, missed in found.items() if missed)
 

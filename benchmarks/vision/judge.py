@@ -82,8 +82,8 @@ def bound_px(shot: Shot, points_px: np.ndarray, step_px: float = 0.05) -> np.nda
     reach, bounds = int(np.ceil(0.8 * shot.width_px + 5.0)), np.empty(len(points_px))
     upright = np.abs(normal[:, 1]) >= np.abs(normal[:, 0])
     for own, axes, along in ((upright, images, points_px), (~upright, [i.T for i in images], points_px[:, ::-1])):
-        told = information(axes, np.rint(along[own, 0]).astype(int), along[own, 1], reach)
-        bounds[own] = 1.0 / np.sqrt(np.maximum(told, 1e-12))
+        known = information(axes, np.rint(along[own, 0]).astype(int), along[own, 1], reach)
+        bounds[own] = 1.0 / np.sqrt(np.maximum(known, 1e-12))
     return bounds
 
 

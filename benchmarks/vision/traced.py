@@ -16,7 +16,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.harness import Draws, column, rms, table, write_csv
+from benchmarks.harness import Draws, column, covered, rms, table, write_csv
 from estimator.contact.estimate import ContactEstimator
 from estimator.contact.overlay import corridor_of
 from estimator.contact.recording import FrameContact, detect_again, estimate_pictures, first_detection
@@ -191,7 +191,7 @@ def measure_session(folder: Path, seed: int = 0) -> TracedRow:
         located=len(off) / max(touching, 1),
         distance_mm=1e3 * rms(off),
         of_true=rms(off) / rms(np.concatenate(reference)),
-        covered=float((np.abs(standardised) < 1.96).mean()),
+        covered=covered(standardised),
         thinning_kept=float(Draws(thin).kept.mean()),
         thinning_false=float(Draws(thin).false.mean()),
         steger_kept=float(Draws(ridge).kept.mean()),

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
+from benchmarks.harness import SILENT
 from estimator.table.contacts import LOCATED, ContactTable
 from estimator.table.files import read_contacts
 from vbaa_calib.camera import Camera
@@ -26,21 +27,18 @@ from vbaa_calib.session.drift import Drift
 from .rigs import GRAVITY, Place, World
 from .session import Truth, follow
 
-SILENT, CERTAIN = 5.0, 1.96
-"""Standard deviations beyond which a located distance is silently wrong, and within which 95 % lie."""
-
 
 @dataclass(frozen=True, eq=False)
 class Judged:
     """A recording's located contacts (K,) with one rig.
 
-    error_m, std_m : of the distances. point_held : how many world points lie in their 95 % regions.
+    error_m, std_m : of the distances. point_covered : how many world points lie in their 95 % regions.
     free_located : free frames in which a contact was located. touched : contacts that there are.
     """
 
     error_m: np.ndarray
     std_m: np.ndarray
-    point_held: int
+    point_covered: int
     free_located: int
     touched: int
 
@@ -78,7 +76,7 @@ def judge(table: ContactTable, truth: Truth) -> Judged:
     return Judged(
         error_m=table.distance_m[rows] - truth.distance_m[rows],
         std_m=table.distance_std_m[rows],
-        point_held=int((np.array(squares) <= chi2.ppf(0.95, 3)).sum()),
+        point_covered=int((np.array(squares) <= chi2.ppf(0.95, 3)).sum()),
         free_located=int((located & ~touched).sum()),
         touched=int(touched.sum()),
     )

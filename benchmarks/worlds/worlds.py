@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from benchmarks.figures import AMBER, GREEN, GREY, label, panels
-from benchmarks.harness import Findings, Options, column, rms, row_of, table
+from benchmarks.harness import Findings, Options, column, covered, rms, row_of, table
 from vbaa_calib.core.console import progress, say
 
-from .judge import CERTAIN, Judged, Outcome, outcome, together
+from .judge import Judged, Outcome, outcome, together
 from .rigs import World, draw_world
 from .session import write_session
 
@@ -31,8 +31,12 @@ def _value(judged: Judged | None, statistic: Callable[[Judged], Any]) -> float:
     return float(statistic(judged)) if judged is not None and len(judged.error_m) else np.nan
 
 
-def _held(judged: Judged) -> float:
-    return float((np.abs(judged.error_m) < CERTAIN * judged.std_m).mean())
+def _covered(judged: Judged) -> float:
+    return covered(judged.error_m, judged.std_m)
+
+
+def _points_covered(judged: Judged) -> float:
+    return judged.point_covered / len(judged.error_m)
 
 
 def _stated(judged: Judged) -> float:
@@ -59,8 +63,8 @@ class Row:
     ----------
     calibrated : severity of the rig's verdict, or "refused". usable : share of touched frames that are located.
     error_mm, stated_mm : medians of the located distances' errors and standard deviations. relative : error over L.
-    held : share within 1.96 standard deviations; point_held : of world points in their 95 % regions. silent : frames
-        located and off by over five, or free. true_mm, true_held : the same frames with the true rig.
+    covered : share within 1.96 standard deviations; point_covered : of world points in their 95 % regions. silent :
+        frames located and off by over five, or free. true_mm, true_covered : the same frames with the true rig.
     alone_mm, rms_mm, refined_mm : root mean squares with the calibrated rig alone, as estimated (free frames have shown
         more of the rig) and after `vbaa refine`. bound : how much smaller the last becomes than the second by the joint
         posterior of rig and frames, the Cramér–Rao bound of the same information.
@@ -79,11 +83,11 @@ class Row:
     error_mm: float = _column("ours", "error mm", lambda own: np.median(np.abs(own.error_m)))
     stated_mm: float = _column("ours", "stated", lambda own: np.median(own.std_m))
     relative: float = column("% of L", ".2f", 100.0)
-    held: float = _column("ours", "held %", _held, ".0f", 1.0, 100.0)
-    point_held: float = _column("ours", "point %", lambda own: own.point_held / len(own.error_m), ".0f", 1.0, 100.0)
+    covered: float = _column("ours", "covered %", _covered, ".0f", 1.0, 100.0)
+    point_covered: float = _column("ours", "point %", _points_covered, ".0f", 1.0, 100.0)
     silent: int = column("silent", "d", of=lambda f: f.ours.silent if f.ours else 0)
     true_mm: float = _column("true", "true rig mm", lambda own: np.median(np.abs(own.error_m)))
-    true_held: float = _column("true", "held %", _held, ".0f", 1.0, 100.0)
+    true_covered: float = _column("true", "covered %", _covered, ".0f", 1.0, 100.0)
     alone_mm: float = _column("alone", "alone mm", lambda own: rms(own.error_m))
     rms_mm: float = _column("ours", "rms mm", lambda own: rms(own.error_m))
     refined_mm: float = _column("refined", "refined", lambda own: rms(own.error_m))
@@ -137,8 +141,8 @@ def summary(results: Sequence[tuple[Row, Outcome]]) -> dict[str, float]:
         "contacts": sum(row.touched for row in rows),
         "located": len(errors),
         "silent": sum(row.silent for row in rows),
-        "held": float((np.abs(errors) < CERTAIN * stds).mean()) if len(errors) else np.nan,
-        "worst_held": min((row.held for row in rows if np.isfinite(row.held)), default=np.nan),
+        "covered": covered(errors, stds),
+        "worst_covered": min((row.covered for row in rows if np.isfinite(row.covered)), default=np.nan),
         "pulls_within_3": float((pulls[np.isfinite(pulls)] < 3.0).mean()) if len(pulls) else np.nan,
         "refine_gains_median": float(np.median(refined)) if refined else np.nan,
         "refined_of_alone_median": float(np.nanmedian([row.alone_mm / row.refined_mm for row in rows])),
@@ -161,8 +165,8 @@ def lines(found: dict[str, float]) -> str:
         [
             f"{found['worlds']} worlds: {found['refused']} refused, {found['wrong']} wrong; "
             f"{found['contacts']} contacts, {found['located']} located",
-            f"silent {found['silent']} (0); within 95 % intervals {100 * found['held']:.1f} % (92 to 98), least of a "
-            f"world {100 * found['worst_held']:.0f} % (85)",
+            f"silent {found['silent']} (0); within 95 % intervals {100 * found['covered']:.1f} % (92 to 98), least of "
+            f"a world {100 * found['worst_covered']:.0f} % (85)",
             f"EI, focal length, pose within 3 standard deviations {100 * found['pulls_within_3']:.1f} % (99)",
             f"distance, of L: median {100 * found['relative_median']:.2f} % (0.2), 90th percentile "
             f"{100 * found['relative_90']:.2f} % (0.6); {found['true_rig_share_median']:.1f} times the true rig's",

@@ -148,9 +148,9 @@ def test_a_pin_at_a_known_place_recalibrates() -> None:
 def test_intervals_hold_over_rigs(draws: int, cells: list[int]) -> None:
     rows = run(draws, 4, [CELLS[cell] for cell in cells])
     assert all(row.ratio < 0.65 for row in rows)
-    assert all(0.9 < row.distance_held < 0.99 for row in rows)
-    assert all(0.9 < row.point_held < 0.995 for row in rows)
-    assert all(row.mu_held == 1.0 for row in rows)
+    assert all(0.9 < row.distance_covered < 0.99 for row in rows)
+    assert all(0.9 < row.point_covered < 0.995 for row in rows)
+    assert all(row.mu_covered == 1.0 for row in rows)
 
 
 # the first looks along plane C's normal: pushes along it (ξ = 90°) leave its picture straight
