@@ -275,13 +275,13 @@ def _kinematics(session: Session, sweep: SweepSolution | None, estimates: Sequen
         return session.kinematics
     swept = next(estimate for estimate in estimates if estimate.way == sweep.estimate.way)
     both = [[swept.covariance, sweep.axes_with_pose.T], [sweep.axes_with_pose, sweep.axes_covariance]]
-    by_pose, left = conditioned(np.block(both), len(swept.covariance))
+    by_pose, axes_std = conditioned(np.block(both), len(swept.covariance))
     skew, offset, zero = by_pose @ fused(estimates).tangent_from(swept.T_antenna_camera)
     return replace(
         sweep.kinematics,
         axis_skew_rad=sweep.kinematics.axis_skew_rad + skew,
         axis_offset_m=sweep.kinematics.axis_offset_m + offset,
         tilt_zero_rad=sweep.kinematics.tilt_zero_rad + zero,
-        axes_std=left,
+        axes_std=axes_std,
         axes_by_pose=by_pose,
     )

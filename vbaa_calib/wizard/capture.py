@@ -109,10 +109,10 @@ class Capture:
         """The error of a source that has ended: what is missing, and why most of its pictures were left out."""
         what = f"{self.step.title}: {'; '.join(progress.missing) or 'no picture'}"
         remedy = f"add pictures there and run it again: {progress.next}"
-        left = Counter(one.why for one in self.store.journal.of(self.step.name).left)
-        if left:
-            (why, count), *_ = left.most_common(1)
-            what += f"; {left.total()} left out, {count} of them because: {why}"
+        refused = Counter(one.why for one in self.store.journal.of(self.step.name).left)
+        if refused:
+            (why, count), *_ = refused.most_common(1)
+            what += f"; {refused.total()} left out, {count} of them because: {why}"
             remedy = "mend that, or " + remedy
         for one in progress.diagnoses:
             if one.grave:
@@ -264,13 +264,13 @@ class Capture:
         if self.unused:
             question = replace(question, default=[self.unused[one.key] for one in questions])
         # lines of readings asked for before a picture is left out: a weight on a tilted antenna has none
-        for left in reversed(range(5)):
+        for tries in reversed(range(5)):
             line = ui.ask(question)
             try:
                 typed = split_line(questions, line)
                 readings, doubts = self._judged(typed, where)
             except InputError as error:
-                then = "type it again, or `drop` to leave this picture out" if left else "this picture is left out"
+                then = "type it again, or `drop` to leave this picture out" if tries else "this picture is left out"
                 ui.wrong(f"{error.what}; {error.remedy}; {then}")
                 continue
             if not doubts or ui.keeps(doubts):

@@ -113,12 +113,12 @@ def _shifts(basis: np.ndarray, change: np.ndarray, least_slope: float) -> tuple[
     values = np.maximum(values, 1e-3)
     along = np.einsum("tij,ti->tj", axes, vector)
     explained = np.einsum("ti,ti->t", right[:, 2:], gain[:, :, 2]) + (along**2 / values).sum(axis=1)
-    left = np.maximum((change**2).sum(axis=1) - explained, 0.0) / (change.shape[1] - basis.shape[2])
+    unexplained = np.maximum((change**2).sum(axis=1) - explained, 0.0) / (change.shape[1] - basis.shape[2])
     # twice the slope's noise is in the change, and a grey level's rounding is never less than this
-    noise = np.sqrt((left[:, None] + 0.02) / values)
+    noise = np.sqrt((unexplained[:, None] + 0.02) / values)
     weak = (values < change.shape[1] * least_slope**2) | (values < _TILES.weak_share * values[:, 1:])
     beyond = np.where(weak, -np.inf, np.abs(along) / values - _TILES.sigmas * noise)
-    return beyond.max(axis=1), np.sqrt(left)
+    return beyond.max(axis=1), np.sqrt(unexplained)
 
 
 def _noise(image: np.ndarray) -> float:

@@ -184,8 +184,8 @@ class Results:
 
     def remove_work(self) -> None:
         """Remove temporary files of writers that were killed."""
-        for left in self.root.glob("contacts/recording=*/.contacts-*.parquet"):
-            left.unlink(missing_ok=True)
+        for leftover in self.root.glob("contacts/recording=*/.contacts-*.parquet"):
+            leftover.unlink(missing_ok=True)
 
 
 def _cell(value: Any) -> str:

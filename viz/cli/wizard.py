@@ -286,9 +286,9 @@ def _greeting(store: Store, session: Path, url: str) -> list[str]:
     if not store.is_new:
         record = {name: store.journal.of(name) for name in STEPS}
         done = [titles[name] for name in STEPS if record[name].closed]
-        left = next((titles[name] for name in STEPS if not record[name].closed), titles[STEPS[-1]])
+        following = next((titles[name] for name in STEPS if not record[name].closed), titles[STEPS[-1]])
         counts = [f"{len(record[name].taken)} {words}" for name, words in PICTURES.items() if record[name].taken]
-        parts = [f"{session} continues with: {left}."]
+        parts = [f"{session} continues with: {following}."]
         parts += [f"Done: {', '.join(done)}."] if done else []
         parts += [f"Pictures: {', '.join(counts)}."] if counts else []
         lines = [" ".join(parts)]

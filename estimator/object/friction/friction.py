@@ -463,7 +463,7 @@ def friction(
 def _fitted(rubs: _FrictionTouches) -> tuple[_FrictionTouches, _Coefficient | None]:
     """The touches as used in the fit, and their coefficient, None where none is usable. Touches that slide to and fro
     within the time over which slips are averaged lie inside the cone: they no longer count as sliding."""
-    for left in range(FrictionSettings.relabelled, -1, -1):
+    for tries in range(FrictionSettings.relabelled, -1, -1):
         evidence = _FrictionAngles.of(rubs)
         if not len(evidence.touch):
             return rubs, None
@@ -473,7 +473,7 @@ def _fitted(rubs: _FrictionTouches) -> tuple[_FrictionTouches, _Coefficient | No
         inside = (
             evidence.slides & evidence.lateral & (np.abs(off) > FrictionSettings.wrong_std) & (off * expected < 0.0)
         )
-        if not (left and inside.any()):
+        if not (tries and inside.any()):
             break
         which = evidence.touch[inside]
         used, slides = rubs.used_as.copy(), rubs.slides.copy()
@@ -539,12 +539,12 @@ def _by_fit(before: np.ndarray, rubs: _FrictionTouches, mu: _Coefficient) -> tup
         sure = evidence.slides[side] & (np.abs(error) < FrictionSettings.wrong_std)
         share = np.where(sure, own / spread**2, 0.0)
         turn = modes @ found.modes[index]
-        left = np.einsum("pk,kl,pl->p", modes, found.covariance[index], modes, optimize=True) + beyond
+        variance = np.einsum("pk,kl,pl->p", modes, found.covariance[index], modes, optimize=True) + beyond
         turn[touch] += share * error * spread
-        left += rubs.normal_std_rad**2
-        left[touch] -= share * own
+        variance += rubs.normal_std_rad**2
+        variance[touch] -= share * own
         total += weight * turn
-        square += weight * (left + turn**2)
+        square += weight * (variance + turn**2)
         off[touch] += weight * np.where(np.abs(error) < FrictionSettings.wrong_std, 0.0, error * spread)
     used = rubs.across
     return np.where(used, total, 0.0), np.where(used, np.maximum(square - total**2, 1e-12), before), off

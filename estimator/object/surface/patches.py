@@ -46,14 +46,14 @@ def nearest_first(distance_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     of the edges of the minimum spanning tree (Prim's method; infinite where no edge leads on). Points that gaps of up
     to some width connect follow one another. distance_m : (P, P), infinite without an edge."""
     order, gaps_m, away_m = [0], [], distance_m[0].copy()
-    left = np.ones(len(distance_m), bool)
-    left[0] = False
-    while len(order) < len(left):
-        rest = np.flatnonzero(left)
+    unordered = np.ones(len(distance_m), bool)
+    unordered[0] = False
+    while len(order) < len(unordered):
+        rest = np.flatnonzero(unordered)
         nearest = rest[np.argmin(away_m[rest])]
         order.append(nearest)
         gaps_m.append(away_m[nearest])
-        left[nearest] = False
+        unordered[nearest] = False
         np.minimum(away_m, distance_m[nearest], out=away_m)
     return np.array(order), np.array(gaps_m)
 

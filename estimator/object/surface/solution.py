@@ -137,9 +137,9 @@ class ShapeSolution:
     def spread(self, patch: int, rows: Functionals) -> np.ndarray:
         """(Q,) posterior standard deviations of functionals of a patch's undeformed shape."""
         seen, half = self.whitened(patch, rows)
-        left = variance(rows, self.priors[patch]) - np.sum(half**2, axis=0)
-        left += (seen @ self.lift[self._of(patch)]) ** 2 * self.variance
-        return np.sqrt(np.maximum(left, 0.0))
+        posterior = variance(rows, self.priors[patch]) - np.sum(half**2, axis=0)
+        posterior += (seen @ self.lift[self._of(patch)]) ** 2 * self.variance
+        return np.sqrt(np.maximum(posterior, 0.0))
 
     def joint(self, views: list[tuple[int, Functionals]]) -> np.ndarray:
         """(Q, Q) posterior covariance of functionals of several patches, concatenated."""
@@ -157,8 +157,10 @@ class ShapeSolution:
         found = np.empty((count, 2, 2))
         for a, b in ((0, 0), (0, 1), (1, 1)):
             of, to = sides[a], sides[b]
-            left = variance(rows.picked(of), prior, rows.picked(to)) - np.einsum("mn,mn->n", half[:, of], half[:, to])
-            found[:, a, b] = found[:, b, a] = left + self.variance * lifted[of] * lifted[to]
+            posterior = variance(rows.picked(of), prior, rows.picked(to)) - np.einsum(
+                "mn,mn->n", half[:, of], half[:, to]
+            )
+            found[:, a, b] = found[:, b, a] = posterior + self.variance * lifted[of] * lifted[to]
         return seen @ self.weights[self._of(patch)], found
 
     @property
@@ -267,8 +269,14 @@ def learn_prior(
             unlikely += float(np.log(np.diag(lower)).sum() + np.log(np.diag(inner)).sum())
             along = np.linalg.solve(inner, trend.T @ inverse)
             taken = np.vstack([along, weights])
-            left = inverse - taken.T @ taken
-            slopes = np.array([np.vdot(left, by_log_length), 2.0 * np.vdot(left, shape), 2.0 * np.diag(left) @ doubt])
+            sensitivity = inverse - taken.T @ taken
+            slopes = np.array(
+                [
+                    np.vdot(sensitivity, by_log_length),
+                    2.0 * np.vdot(sensitivity, shape),
+                    2.0 * np.diag(sensitivity) @ doubt,
+                ]
+            )
             away = (logs - _BEST[:free]) / _WIDTH[:free]
             return unlikely + 0.5 * float(away @ away), 0.5 * slopes[:free] + away / _WIDTH[:free]
 

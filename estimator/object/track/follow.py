@@ -94,8 +94,8 @@ def _frequency(time_s: np.ndarray, signal: np.ndarray, fastest_Hz: float) -> tup
     independent = max(span * (fastest_Hz - slowest), 1.0)
     if independent * (1.0 - min(share[best], 1.0)) ** (0.5 * (count - 3)) > TrackSettings.chance:
         return None
-    left = max(1.0 - float(share[best]), 1e-6)
-    std = np.sqrt(6.0 * left / (float(share[best]) * count)) / (np.pi * span)
+    unexplained = max(1.0 - float(share[best]), 1e-6)
+    std = np.sqrt(6.0 * unexplained / (float(share[best]) * count)) / (np.pi * span)
     return float(trials[best]), float(np.hypot(std, (trials[1] - trials[0]) / np.sqrt(12.0)))
 
 

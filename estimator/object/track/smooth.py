@@ -53,8 +53,8 @@ def _kalman_smooth(
         gain = np.linalg.solve(ahead_spreads[i + 1], moves[i + 1] @ spreads[i]).T
         means[i] += gain @ (means[i + 1] - ahead[i + 1])
         spreads[i] += gain @ (spreads[i + 1] - ahead_spreads[i + 1]) @ gain.T
-    left = spreads[:, :size, :size]
-    return means[:, :size], 0.5 * (left + np.swapaxes(left, 1, 2))
+    smoothed = spreads[:, :size, :size]
+    return means[:, :size], 0.5 * (smoothed + np.swapaxes(smoothed, 1, 2))
 
 
 def _walk_intensity(time_s: np.ndarray, values: np.ndarray, variance: np.ndarray) -> float:
@@ -144,11 +144,11 @@ def _smooth_piece(
     walks = np.array([_walk_intensity(time, path[:, i], turned[:, i, i]) for i in range(3)])
     if not np.isfinite(walks).all():
         return
-    found, left = _kalman_smooth(time, path, turned, walks)
+    found, covariance = _kalman_smooth(time, path, turned, walks)
     moved = found @ axes.T + point.mean(axis=0) - point
     changed["point_world_m"][rows] = point + moved
     common = shared.point_m[rows]
-    changed["covariance_world_m2"][rows] = axes @ left @ axes.T + common @ np.swapaxes(common, 1, 2)
+    changed["covariance_world_m2"][rows] = axes @ covariance @ axes.T + common @ np.swapaxes(common, 1, 2)
     changed["point_antenna_m"][rows] += np.einsum("bji,bj->bi", rotation, moved)
 
     def smooth_number(name: str, own: np.ndarray) -> np.ndarray:

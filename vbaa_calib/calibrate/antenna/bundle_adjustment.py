@@ -137,12 +137,12 @@ def _undisturbed(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
     means = list[np.ndarray]()
     for off in residuals:
         basis = legendre.legvander(np.linspace(-1.0, 1.0, len(off)), AntennaSettings.disturbed_degree)
-        left, weights = off, np.ones(len(off))
+        remainder, weights = off, np.ones(len(off))
         for _ in range(20):
-            left = off - basis @ np.linalg.lstsq(basis * weights[:, None], off * weights, rcond=None)[0]
+            remainder = off - basis @ np.linalg.lstsq(basis * weights[:, None], off * weights, rcond=None)[0]
             # on residuals, not on their squares: a stretch that is far off hardly pulls
-            weights = huber_weights(left)
-        runs = neighbours(left, AntennaSettings.run, "symmetric")
+            weights = huber_weights(remainder)
+        runs = neighbours(remainder, AntennaSettings.run, "symmetric")
         means.append(runs.sum(axis=1) / np.sqrt(AntennaSettings.run))
     usual = max(float(np.median([mad_std(one) for one in means])), 1.0)
     good = []
@@ -329,8 +329,8 @@ def _in_passes(problem: Problem, judged: bool = True) -> tuple[Problem, Linearis
     rms = np.full(len(loaded), np.nan)
     for turn in range(AntennaSettings.passes + 1):
         kept = problem.kept
-        left = [problem.in_own_std(i, evaluated.points[i][:, 0]) for i in np.flatnonzero(kept).tolist()]
-        scale = max(noise_scale(left), least)
+        scaled = [problem.in_own_std(i, evaluated.points[i][:, 0]) for i in np.flatnonzero(kept).tolist()]
+        scale = max(noise_scale(scaled), least)
         change = abs(scale / problem.noise_scale - 1.0)
         problem = replace(problem, noise_scale=scale)
         exact = change < AntennaSettings.exact_from or turn == AntennaSettings.passes

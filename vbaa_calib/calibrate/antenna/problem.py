@@ -405,9 +405,9 @@ class Problem:
 
     def in_own_std(self, index: int, whitened: np.ndarray) -> np.ndarray:
         """Residuals (N,) of an observation's points, without their line's common errors, in `Observation.sigma_px`."""
-        one, left = self.observations[index], self.without_line(index, whitened)
-        wider = one.std_px(self.noise_scale) / one.sigma_px
-        return left * wider if len(wider) == len(left) else left
+        observation, residuals = self.observations[index], self.without_line(index, whitened)
+        wider = observation.std_px(self.noise_scale) / observation.sigma_px
+        return residuals * wider if len(wider) == len(residuals) else residuals
 
     @cached_property
     def _line_axes(self) -> list[tuple[np.ndarray, np.ndarray]]:

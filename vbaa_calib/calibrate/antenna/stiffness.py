@@ -226,9 +226,9 @@ def _weigh(
     lower = np.linalg.cholesky(correlation)
     weighted = cho_solve((lower, True), design)
     normal = design.T @ weighted
-    left = residuals_m - design @ np.linalg.solve(normal, weighted.T @ residuals_m)
+    remainder = residuals_m - design @ np.linalg.solve(normal, weighted.T @ residuals_m)
     freedom = len(residuals_m) - design.shape[1]
-    variance = float(left @ cho_solve((lower, True), left)) / freedom
+    variance = float(remainder @ cho_solve((lower, True), remainder)) / freedom
     variance = max(variance, least_std_m**2, np.finfo(float).tiny)
     log_weight = -np.log(lower.diagonal()).sum() - 0.5 * np.linalg.slogdet(normal)[1] - 0.5 * freedom * np.log(variance)
     return float(log_weight), variance * inverse @ correlation @ inverse.T

@@ -102,10 +102,10 @@ def check_lens(
     # the noise of a coordinate that no change of the lens explains; of few corners one explains nearly all
     axes, values, _ = np.linalg.svd(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-12), full_matrices=False)
     axes = axes[:, values > 1e-6 * values.max()]
-    left = residuals - axes @ (axes.T @ residuals)
+    remainder = residuals - axes @ (axes.T @ residuals)
     spare = freedom - axes.shape[1]
-    left, spare = (left, spare) if spare >= FOCUS else (residuals, max(freedom, 1))
-    variance_px2 = max(float(left @ left / spare), 1e-12)
+    remainder, spare = (remainder, spare) if spare >= FOCUS else (residuals, max(freedom, 1))
+    variance_px2 = max(float(remainder @ remainder / spare), 1e-12)
     noise_px = np.sqrt(CheckSettings.shared_corners * variance_px2)
     data = products(jacobian / noise_px, residuals / noise_px)
     focal = CheckSettings.noticeable_focal * camera.matrix[[0, 1], [0, 1]]

@@ -147,8 +147,8 @@ class LensInformation:
         residuals, by_shared, by_pose, bounds = rows(self.bundle(np.asarray(poses, float)), observations)
         whole = np.concatenate([by_shared @ self.scale, residuals[..., None]], axis=-1) / self.sigma_px
         count = self.scale.shape[1]
-        left = without_own(whole, by_pose, bounds)
-        blocks = left.mT @ left
+        reduced = without_own(whole, by_pose, bounds)
+        blocks = reduced.mT @ reduced
         return blocks[:, :count, :count], blocks[:, :count, count]
 
     def bias_square(self, sensitivity: np.ndarray) -> float:

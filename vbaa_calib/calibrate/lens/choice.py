@@ -94,10 +94,10 @@ def information(bundle: Bundle, observations: Sequence[BoardCorners]) -> Informa
     residuals, by_shared, by_pose, bounds = rows(bundle, observations)
     weights = np.repeat([view.weight for view in observations], np.diff(bounds))[:, None]
     residuals, by_shared, by_pose = residuals * weights, by_shared * weights[..., None], by_pose * weights[..., None]
-    left = without_own(by_shared @ bundle.directions, by_pose, bounds)
+    reduced = without_own(by_shared @ bundle.directions, by_pose, bounds)
     prior, by_shape = bundle.prior_rows()
-    size = left.shape[-1]
-    jacobian = np.vstack([left.reshape(-1, size), by_shape @ bundle.directions])
+    size = reduced.shape[-1]
+    jacobian = np.vstack([reduced.reshape(-1, size), by_shape @ bundle.directions])
     norms = np.linalg.norm(jacobian, axis=0)
     whole = np.linalg.norm((by_shared @ bundle.directions).reshape(-1, bundle.directions.shape[1]), axis=0)
     # what the poses explain but for rounding is open
@@ -108,7 +108,7 @@ def information(bundle: Bundle, observations: Sequence[BoardCorners]) -> Informa
         return None
     free = (basis.T / values) / norms[:, None]
     half = bundle.directions @ free
-    by_view, own = left @ free, padded(residuals[..., None], bounds)
+    by_view, own = reduced @ free, padded(residuals[..., None], bounds)
     roots = np.asarray(np.linalg.qr(np.concatenate([by_view, own], axis=-1), mode="r"))
     root = prior_rows = np.column_stack([by_shape @ half, prior])
     if bundle.unfolding is not None:
@@ -371,8 +371,8 @@ def _expected_errors_px(
         # a pixel that a lens does not see is one that it gets wrong
         wrong = ~(valid & inside)
         slopes = np.concatenate([projection_jacobian(cameras[name], seen), (seen - pixels)[..., None]], axis=-1)
-        left = compensate(cameras[name], seen, slopes, among & ~wrong)
-        jacobian, apart = left[..., :-1], left[..., -1:]
+        reduced = compensate(cameras[name], seen, slopes, among & ~wrong)
+        jacobian, apart = reduced[..., :-1], reduced[..., -1:]
         moved[name] = jacobian @ left_out[name].T
         apart = np.concatenate([apart, apart + moved[name] - moved[reference]], axis=-1)
         carried = jacobian @ cameras[name].covariance @ np.swapaxes(jacobian, -1, -2)

@@ -186,14 +186,14 @@ class _HandEyeRows(NamedTuple):
         """The normal equations A·step = b of X, Z and lens, with the robot's errors eliminated, and the sum of squares
         at step 0; residuals (V, 6), their covariances (V, 6, 6), and the sum of their log determinants."""
         # what would be seen of a robot without errors
-        left = self.residuals + np.einsum("vij,vj->vi", self.by_error, self.errors)
+        unadjusted = self.residuals + np.einsum("vij,vj->vi", self.by_error, self.errors)
         V = std[2] ** 2 * np.eye(6) + (self.by_error * std[:2].repeat(3) ** 2) @ np.swapaxes(self.by_error, 1, 2)
         root = np.linalg.inv(np.linalg.cholesky(V))
-        rows = root @ np.concatenate([self.by_shared, left[..., None]], axis=-1)
+        rows = root @ np.concatenate([self.by_shared, unadjusted[..., None]], axis=-1)
         product = np.einsum("vki,vkj->ij", rows, rows)
         A = product[:-1, :-1] + np.diag(np.arange(len(product) - 1) >= _SHARED).astype(float)
         spread = -2.0 * float(np.log(np.diagonal(root, axis1=1, axis2=2)).sum())
-        return A, product[:-1, -1], float(product[-1, -1]), left, V, spread
+        return A, product[:-1, -1], float(product[-1, -1]), unadjusted, V, spread
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,11 +317,11 @@ class _HandEyeProblem:
         variance = std[:2].repeat(3) ** 2
 
         def step(at: _HandEyeRows, damping: float) -> tuple[np.ndarray, float]:
-            A, b, _, left, V, _ = at.normal(std)
+            A, b, _, unadjusted, V, _ = at.normal(std)
             A, b = A[:_SHARED, :_SHARED], b[:_SHARED]
             move = solve_scaled(A, b, damping)
-            left = left - at.by_shared[..., :_SHARED] @ move
-            errors = variance * np.einsum("vji,vj->vi", at.by_error, np.linalg.solve(V, left[..., None])[..., 0])
+            unadjusted = unadjusted - at.by_shared[..., :_SHARED] @ move
+            errors = variance * np.einsum("vji,vj->vi", at.by_error, np.linalg.solve(V, unadjusted[..., None])[..., 0])
             own = errors - at.errors
             promise = 0.5 * float(2.0 * b @ move - move @ A @ move + (own**2 / variance).sum())
             return np.concatenate([move, own.ravel()]), promise

@@ -317,13 +317,13 @@ def _angle_variance_ratio(blocks: np.ndarray, rows: int) -> float:
         ratio = 10**power / per_angle
         whole = _without_angles(blocks, ratio)
         A, b = whole[:-1, :-1], whole[:-1, -1]
-        left = max(float(whole[-1, -1]) - float(b @ solve_scaled(A, b)), 1e-30)
+        square = max(float(whole[-1, -1]) - float(b @ solve_scaled(A, b)), 1e-30)
         shrink = float(np.linalg.slogdet(np.eye(2) + ratio * angles)[1].sum())
         # the determinant of a positive matrix that may be singular to working precision
         diagonal = np.maximum(np.diag(A), 1e-30)
         values = np.linalg.eigvalsh(A / np.sqrt(np.outer(diagonal, diagonal)))
         log_determinant = float(np.log(diagonal).sum() + np.log(np.maximum(values, 1e-15)).sum())
-        return shrink + log_determinant + freedom * np.log(left)
+        return shrink + log_determinant + freedom * np.log(square)
 
     # there may be several minima, and a flat stretch where the angles count as exact
     powers = np.arange(*PoseSettings.ratio_powers)
@@ -564,10 +564,10 @@ def _with_axes_prior(problem: _SweepProblem, free: _SweepFit, used: np.ndarray, 
     skew, offset = nominal - off + (gain @ off)[_AXES]
     fixed = problem.axes_fixed.fit(replace(free.state, axis_skew_rad=skew, axis_offset_m=offset), used)
     # Joseph's form: no difference of covariances
-    left = np.eye(len(gain))
+    complement = np.eye(len(gain))
     known = np.diag(np.square([PoseSettings.axis_skew_std_rad, PoseSettings.axis_offset_std_m]))
-    left[:, _AXES] -= gain
-    covariance = left @ free.covariance @ left.T + gain @ known @ gain.T
+    complement[:, _AXES] -= gain
+    covariance = complement @ free.covariance @ complement.T + gain @ known @ gain.T
     return replace(fixed, covariance=covariance, by_lens=free.by_lens - gain @ free.by_lens[_AXES])
 
 
