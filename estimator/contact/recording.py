@@ -20,7 +20,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.core.polyline import arc_lengths
 from vbaa_calib.detect.whisker.acceptance import decided, explained, of_antennas_shape
-from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline, Visibility
+from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline
 from vbaa_calib.detect.whisker.corridor import Corridor, corridor, free_curve, pixels, width_px
 from vbaa_calib.detect.whisker.finder import AntennaFinder, finder, same_paths_m_s2
 from vbaa_calib.detect.whisker.paint import without_other_things
@@ -196,7 +196,7 @@ def _sure(detected: _FirstDetection) -> bool:
     line = detected.line
     if detected.bright is None or line.end != "tip":
         return False
-    seen = np.asarray(line.visibility) == Visibility.SEEN
+    seen = line.measured
     last = len(seen) - int(seen[::-1].argmax())
     return float(seen[:last].mean()) >= ContactSettings.sure_detection
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vbaa_calib.core.polyline import arc_lengths, offsets_from
-from vbaa_calib.detect.whisker.centreline import Centreline, Visibility
+from vbaa_calib.detect.whisker.centreline import Centreline
 from vbaa_calib.detect.whisker.finder import AntennaFinder, coloured
 from vbaa_calib.detect.whisker.paint import PLACES, VISIBLE, Paint
 from vbaa_calib.detect.whisker.profile import measure_between
@@ -88,4 +88,4 @@ def _seen_between(line: Centreline, width_px: float) -> float:
         return line.seen
     along = arc_lengths(line.guide_px)
     between = (along > AntennaSettings.ends * width_px) & (along < along[-1] - AntennaSettings.ends * width_px)
-    return float((line.visibility[between] == Visibility.SEEN).mean()) if between.any() else line.seen
+    return float(line.measured[between].mean()) if between.any() else line.seen

@@ -13,7 +13,7 @@ import numpy as np
 from vbaa_calib.core.polyline import arc_lengths, normals, offsets_from
 from vbaa_calib.native import core
 
-from .centreline import Centreline, Verdict, Visibility
+from .centreline import Centreline, Verdict
 from .corridor import LEAST_SHAPE_POINTS, Corridor
 from .settings import AcceptanceSettings, ProfileSettings, StretchSettings
 
@@ -104,7 +104,7 @@ def _reject_off_clamp(line: Centreline, where: Corridor, changing: bool) -> Cent
     part_px = limits.from_clamp * float(arc_lengths(where.axis_px)[-1])
     # along the line itself, since a strongly bent one soon leaves the axis; its guide, which noise makes no longer
     guide = np.hypot(*(line.guide_px[0] - start)) + arc_lengths(line.guide_px)
-    along = guide[line.visibility == Visibility.SEEN] / part_px
+    along = guide[line.measured] / part_px
     first = along < 1.0
     if first.sum() < LEAST_SHAPE_POINTS:
         return line
@@ -197,8 +197,8 @@ def stretches(image: np.ndarray, line: Centreline, where: Corridor, bright: bool
     if found is None or len(found.along) < StretchSettings.run:
         return []
     guide_along = arc_lengths(guide)
-    known = line.visibility if len(line.guide_px) >= 2 else np.full(len(guide), Visibility.HIDDEN)
-    seen = np.interp(found.along, guide_along, np.asarray(known) == Visibility.SEEN) > 0.5
+    known = line.measured if len(line.guide_px) >= 2 else np.zeros(len(guide))
+    seen = np.interp(found.along, guide_along, known) > 0.5
     causes = _causes(found, seen, width, (line.noise, bright))
     if line.end == "tip":  # what lies beyond is no part of the antenna
         last = int(np.hypot(*(found.points - line.end_px).T).argmin()) + 1

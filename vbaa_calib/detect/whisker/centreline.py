@@ -93,6 +93,12 @@ class Centreline:
         """Share of the line that is seen with near certainty."""
         return self.seen * self.sure
 
+    @property
+    def measured(self) -> np.ndarray:
+        """(K,) mask of the guide's places at which the antenna was measured."""
+        # NumPy compares with an enum's member four times as long as with its number
+        return np.asarray(self.visibility) == Visibility.SEEN.value
+
     def stretches(self, visibility: Visibility) -> list[np.ndarray]:
         """Pieces (M, 2) of the guide, M ≥ 2, with this visibility."""
         here = np.flatnonzero(np.asarray(self.visibility) == visibility)
@@ -104,7 +110,7 @@ class Centreline:
         if own.all():
             return self
         visibility = self.visibility.copy()
-        visibility[np.flatnonzero(visibility == Visibility.SEEN)[~own]] = Visibility.HIDDEN
+        visibility[np.flatnonzero(self.measured)[~own]] = Visibility.HIDDEN
         return replace(
             self,
             points_px=self.points_px[own],

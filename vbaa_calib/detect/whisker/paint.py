@@ -14,7 +14,7 @@ from vbaa_calib.core.polyline import arc_lengths
 from vbaa_calib.core.robust import MAD_SCALE
 from vbaa_calib.native import core
 
-from .centreline import Centreline, Visibility
+from .centreline import Centreline
 from .finder import AntennaFinder, coloured
 from .profile import measure_between
 from .settings import AcceptanceSettings, LookSettings
@@ -65,7 +65,7 @@ Looks = tuple[tuple[float, float, float, float], ...]
 
 def look_of(image: np.ndarray, line: Centreline) -> np.ndarray:
     """(PLACES, 3) mean colours of a detected antenna along its guide, in a picture (H, W[, 3]); NaN where unseen."""
-    place = np.minimum((_shares(line.guide_px, _seen(line)) * PLACES).astype(int), PLACES - 1)
+    place = np.minimum((_shares(line.guide_px, line.measured) * PLACES).astype(int), PLACES - 1)
     colours = core.search.colours_at(*_channels(image), line.points_px)
     means = np.full((PLACES, 3), np.nan)
     for own in np.unique(place):
@@ -104,7 +104,7 @@ def without_other_things(
     table, has_hue = _table(looks)
     if image.ndim == 2 and has_hue:
         return line  # a grey picture does not show the colour
-    shares = _shares(line.guide_px, _seen(line))
+    shares = _shares(line.guide_px, line.measured)
     other, off, hue, tinted = core.search.foreign(*_channels(image), line.points_px, shares, table)
     if not other.any() and off.max(initial=0.0) <= LookSettings.partly_foreign:
         return line
@@ -141,11 +141,6 @@ def _shares(guide: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """(N,) positions, 0 at the clamp to 1, of the seen places (mask (K,)) along their guide (K, 2)."""
     along = arc_lengths(guide)
     return along[seen] / max(along[-1], 1e-9)
-
-
-def _seen(line: Centreline) -> np.ndarray:
-    """(K,) mask of the places of its guide at which a line has points."""
-    return line.visibility == Visibility.SEEN
 
 
 def _grey(image: np.ndarray) -> np.ndarray:

@@ -9,9 +9,13 @@ namespace {
 constexpr int BLOCKS = 16;   // in which a row's pixels are averaged: many, and each of many pixels
 constexpr int PER_ROW = 32;  // cells in which points are counted
 
+// Exact, of a block's pixels.
+template <class T>
+using Sum = std::conditional_t<sizeof(T) == 1, std::uint32_t, double>;
+
 template <class T>
 double sum_of(const T* values, int count) {
-    std::conditional_t<sizeof(T) == 1, std::uint32_t, double> sum = {};
+    Sum<T> sum = {};
     for (int i = 0; i < count; ++i) sum += values[i];
     return static_cast<double>(sum);
 }
@@ -21,14 +25,14 @@ template <class T>
 Table block_means(Levels<T> picture, int axis, int first, int rows) {
     const int across = picture.shape[axis], channels = picture.shape[2];
     Table means(rows, BLOCKS);
-    std::vector<double> sums(rows * channels);
+    std::vector<Sum<T>> sums(rows * channels);
     for (int b = 0; b < BLOCKS; ++b) {
         const int from = b * across / BLOCKS, to = (b + 1) * across / BLOCKS;
         const double share = 1.0 / (std::max(to - from, 1) * channels);
-        std::fill(sums.begin(), sums.end(), 0.0);
+        std::fill(sums.begin(), sums.end(), Sum<T>{});
         for (int other = from; axis == 0 && other < to; ++other) {
             const T* const own = &picture(other, first, 0);
-            for (int i = 0; i < rows * channels; ++i) sums[i] += static_cast<double>(own[i]);
+            for (int i = 0; i < rows * channels; ++i) sums[i] += own[i];
         }
         for (int n = 0; n < rows; ++n)
             means(n, b) = share * (axis ? sum_of(&picture(first + n, from, 0), (to - from) * channels)
