@@ -644,7 +644,8 @@ def _lateral_px(clamp: np.ndarray, tip: np.ndarray, lines_px: Sequence[np.ndarra
         at, off = at[order], off[order]
     # one line after the other, as one
     places, apart = length * np.linspace(0.0, 1.0, settings.places + 1)[1:], 4.0 * (np.abs(at).max() + length)
-    begins = np.searchsorted(row, rows := np.unique(row))
+    begins = np.flatnonzero(np.append(True, row[1:] != row[:-1]))
+    rows = row[begins]
     first, last = at[begins, None], at[np.append(begins[1:], len(at)) - 1, None]
     between = np.interp(places + apart * rows[:, None], at + apart * row, off)
     found[rows] = np.where((places >= first) & (places <= last), between, np.nan)

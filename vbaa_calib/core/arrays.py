@@ -243,7 +243,8 @@ def neighbours(values: np.ndarray, count: int, ends: Literal["edge", "symmetric"
 
 def spread_evenly(count: int, most: int) -> np.ndarray:
     """Evenly spaced indices, at most `most` of `count`, with the first and the last."""
-    return np.unique(np.linspace(0, max(count - 1, 0), min(count, most)).astype(int))
+    places = np.linspace(0, max(count - 1, 0), min(count, most)).astype(int)
+    return np.array(list(dict.fromkeys(places.tolist())), int)
 
 
 _Call = TypeVar("_Call", bound=Callable[..., Any])

@@ -177,6 +177,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
     from estimator.table.contacts import ContactRow
     from estimator.table.files import rewrite_contacts, write_contacts
     from estimator.table.overview import Overview, overview_in_words
+    from vbaa_calib.native import core
 
     rig = usable_rig(args.rig, args.accept_rig)
     unpacking = TemporaryDirectory(prefix="vbaa-overlay-")  # gone with this call
@@ -258,7 +259,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
     if args.two:
         say(f"two contacts in {pairs} frames: a row each, contact 0 and 1")
     known = [std for row, std in enumerate(std_m) if math.isfinite(std) and not verdict.concerns(frame_of[row])]
-    located = float(np.median(known)) if known else None
+    located = core.search.median(np.array(known)) if known else None
     if located is not None:
         say(f"contact distance known to {1e3 * located:.2f} mm (median standard deviation)")
     drift = summary(estimator.drift)

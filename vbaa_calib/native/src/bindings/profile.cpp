@@ -107,11 +107,6 @@ void bind_profile(nb::module_& module) {
         return nb::make_tuple(to_numpy(std::move(found.alike)), found.std);
     });
     room.def("measured_ribbon", measured_ribbon);
-    room.def("shades", [](double width_px, double blur_px, int reach_px) {
-        require_pixels(width_px, blur_px, reach_px);
-        require(blur_px > 0.0, "blur is above 0 px");
-        return to_numpy(detect::shade_table(width_px, blur_px, reach_px));
-    });
 }
 
 }  // namespace vbaa

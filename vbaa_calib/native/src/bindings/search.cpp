@@ -73,10 +73,6 @@ void bind_smooth(nb::module_& room) {
              [=](InVector values, int size) { return to_numpy(running_medians(of_numbers(values, size), size)); });
     room.def("running_maxima",
              [=](InVector values, int size) { return to_numpy(running_maxima(of_numbers(values, size), size)); });
-    room.def("quantile", [](InVector values, double share) {
-        require(values.shape(0) > 0 && share >= 0.0 && share <= 1.0, "a quantile, 0 to 1, is of one value at least");
-        return quantile(view(values), share);
-    });
     room.def("median", [](InVector values) {
         require(values.shape(0) > 0, "a median is of one value at least");
         return median(view(values));
