@@ -27,7 +27,9 @@ def hypotheses() -> str:
         by_remedy.setdefault(re.sub(r"[\d.e-]+(?=:)", "…", row.remedy), {})[words] = None
     lines = ["| message | do |", "|---|---|"]
     for remedy, group in by_remedy.items():
-        messages = [words.split() for words in group]
+        messages = [
+            words.split() for words in group if not any(one != words and one.startswith(words) for one in group)
+        ]
         common = len(list(takewhile(lambda each: len(set(each)) == 1, zip(*messages, strict=False))))
         begin = common if common > 2 and len(messages) > 1 else 0
         shown = [f"*{' '.join(messages[0][:begin])}*"] if begin else []

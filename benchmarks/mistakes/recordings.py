@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from benchmarks.mistakes.rigs import LINE_PX, Bent, Calibrated, Kind, Line, World, drifted, known_rig, seen
 from estimator.contact.recording import measured_lines
@@ -427,6 +428,13 @@ def _longer(world: World, rng: np.random.Generator) -> World:
     return replace(world, length_m=world.length_m * (1.0 + _either(0.02, 0.06, rng)))
 
 
+def _on_a_slope(world: World, rng: np.random.Generator) -> World:
+    """The base stands on a slope."""
+    around, by_rad = rng.uniform(0.0, 2.0 * np.pi), np.radians(rng.uniform(5.0, 15.0))
+    turn = Rotation.from_rotvec(by_rad * np.array([np.cos(around), np.sin(around), 0.0]))
+    return replace(world, gravity_world_m_s2=turn.apply(world.gravity_world_m_s2))
+
+
 def _other_rig(was: Recording, rng: np.random.Generator) -> Recording:
     kind = was.worlds[0].kind
     others = [known_rig(kind, seed).rig for seed in range(4)]
@@ -582,5 +590,6 @@ RECORDING = (
     _row("moment with a cable's pull", f"moment_by_joints {UNLIKE}", _readings(_pulled), DOUBTED),
     _row("moment warms up by 20 to 50 std", f"moment_drift moment_zero {UNLIKE}", _readings(_warming), DOUBTED),
     _row("moment reversed half way", f"moment_sign {UNLIKE}", _readings(_reversed_later), DOUBTED),
+    _row("gravity tilted by 5 to 15°", "gravity_tilted joints_untested", _rigs(_on_a_slope), REPORTED),
 )
 """The matrix's column of recordings. Edit the names of the findings here."""

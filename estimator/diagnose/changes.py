@@ -34,8 +34,10 @@ class Change(NamedTuple):
     severity: Severity = "wrong"
     log_prior: float = 0.0  # against the other rows
     measures: int = 9  # how many of the parameters, the first ones, are its size
-    starts: tuple[float, ...] = ()  # scales of the picture from which it is sought, too
+    starts: tuple[float, ...] = ()  # scales of the picture, or sizes of an offset, from which it is sought, too
     by: Callable[[Recorded], np.ndarray | None] | None = None  # (F, K) what an error of the moments is linear in
+    changed: Callable[[np.ndarray, Recorded], Recorded | None] | None = None  # an offset (K,) of readings put right
+    part: str = "antenna"  # of the rig that has changed: camera, antenna, sensor, base; none where it has not
 
     @property
     def factor(self) -> float:
@@ -43,52 +45,57 @@ class Change(NamedTuple):
         return {"°": 57.29578, "mm": 1e3, "%": 100.0}.get(self.unit, 1.0)
 
 
-_AGAIN = "calibrate again, or record again with the rig as it was calibrated"
+AGAIN = "calibrate again, or put the rig back"
 CHANGES = (
     Change(
         "picture_moved",
         {"cx": 20.0, "cy": 20.0},
         "the picture has moved by {} since the calibration, as by a camera "
         "that was knocked or a picture that was cropped",
-        _AGAIN,
+        AGAIN,
         "px",
         1.0,
         log_prior=6.0,
+        part="camera",
     ),
     Change(
         "camera_turned",
         dict.fromkeys(("camera_about_x_rad", "camera_about_y_rad", "camera_about_z_rad"), 0.02),
         "the camera has turned by {} since the calibration",
-        _AGAIN,
+        AGAIN,
         "°",
         0.05,
         log_prior=6.0,
+        part="camera",
     ),
     Change(
         "camera_moved",
         dict.fromkeys(("camera_x_m", "camera_y_m", "camera_z_m"), 5e-3),
         "the camera has moved by {} since the calibration",
-        _AGAIN,
+        AGAIN,
         "mm",
         0.3,
+        part="camera",
     ),
     Change(
         "focus_changed",
         {"f": 0.02},
         "the focal length has changed by {} since the calibration",
-        "focus as for the calibration and fix the ring, or calibrate again",
+        "focus as calibrated, fix the ring, or calibrate again",
         "%",
         0.1,
+        part="camera",
     ),
     Change(
         "picture_scaled",
         {"f": 0.2, "cx": 50.0, "cy": 50.0},
         "the pictures are scaled or cropped: their focal length differs by {}",
-        "record the pictures in the size and the part of the sensor of the calibration",
+        "record pictures of the calibration's size and part",
         "%",
         1.0,
         measures=1,
         starts=(0.5, 0.7, 0.85, 1.15, 1.4, 2.0),
+        part="camera",
     ),
     Change(
         "other_rig",
@@ -130,7 +137,7 @@ CHANGES = (
         "clamp_turned",
         {"clamp_about_y_rad": 0.03, "clamp_about_z_rad": 0.03},
         "the clamp has turned by {} since the calibration",
-        f"tighten the clamp; {_AGAIN}",
+        "tighten the clamp, and calibrate again",
         "°",
         0.1,
         log_prior=-3.0,
@@ -139,7 +146,7 @@ CHANGES = (
         "clamp_moved",
         {"clamp_y_m": 3e-3, "clamp_z_m": 3e-3},
         "the clamp has moved by {} since the calibration",
-        f"tighten the clamp; {_AGAIN}",
+        "tighten the clamp, and calibrate again",
         "mm",
         0.2,
         log_prior=-3.0,
@@ -147,8 +154,8 @@ CHANGES = (
     Change(
         "antenna_slid",
         {"length_m": 2e-3},
-        "the antenna sticks {} further out of its clamp than at the calibration: it has slid",
-        f"push it back and tighten the clamp; {_AGAIN}",
+        "the antenna sticks {} further out of its clamp: it has slid",
+        "push it back, tighten the clamp, or calibrate again",
         "mm",
         0.3,
         log_prior=2.0,
@@ -186,6 +193,7 @@ CHANGES = (
         "%",
         2.0,
         log_prior=0.5,  # a stiff antenna that gravity hardly bends does not tell it from another EI
+        part="sensor",
     ),
     Change(
         "moment_zero",
@@ -194,6 +202,7 @@ CHANGES = (
         "zero it again before a recording, or give --track-zero",
         "standard deviations",
         5.0,
+        part="sensor",
     ),
 )
 

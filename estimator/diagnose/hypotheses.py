@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
-from itertools import combinations_with_replacement
+from itertools import combinations, combinations_with_replacement
 from operator import attrgetter
 from typing import NamedTuple
 
@@ -14,10 +14,10 @@ import numpy as np
 from vbaa_calib.core.errors import Diagnosis, Severity
 from vbaa_calib.diagnose.decision import DecisionSettings, Explanation, Hypothesis
 from vbaa_calib.geometry import Pose
-from vbaa_calib.rig import WrenchSensor
+from vbaa_calib.rig import Rig, WrenchSensor
 from vbaa_calib.session import READINGS as SENSED
 
-from .changes import CHANGES, Change, axes_of, fitted
+from .changes import AGAIN, CHANGES, Change, axes_of, fitted
 from .evidence import Case, Recorded
 from .settings import RecordingSettings
 
@@ -209,7 +209,7 @@ READINGS = (
     _Misread(
         "moment_sign",
         "the moment readings have the wrong sign",
-        "change the sign of moment_Nm (of a bag --moment-axis -y, or y), or exchange the sensor's leads",
+        "change the sign of moment_Nm or --moment-axis, or exchange the sensor's leads",
         partial(_moments, np.negative),
     ),
     _Misread(
@@ -297,7 +297,7 @@ READINGS = (
         _Misread(
             "joint_offset",
             "the tilt is off by a degree",
-            "set the encoders' zeros, and calibrate again",
+            "set the encoders' zeros, calibrate again",
             partial(_tilted, angle_rad),
         )
         for angle_rad in (-RecordingSettings.joint_step_rad, RecordingSettings.joint_step_rad)
@@ -330,7 +330,7 @@ READINGS = (
     _Misread(
         "picture_rectified",
         "the pictures' distortion was taken out already",
-        "record the pictures as the camera takes them, or use a rig.json for rectified ones",
+        "calibrate with rectified pictures, too",
         _rectified,
     ),
 )
@@ -343,9 +343,14 @@ def _explanations(case: Case) -> Iterator[Explanation[Case]]:
     found = [*_moments_explained(case), *_others_explained(case)]
     yield from found
     yield from _errors_explained(case)
-    if not _explained(case, found):
-        yield from _shifts_explained(case)
-        yield from _changes(case)
+    if _explained(case, found):
+        return
+    # where many frames are lost, each takes long, and offsets are sought only where no change explains them
+    for group in (_changes, _shifts_explained) if case.many_lost else (_shifts_explained, _changes):
+        found = list(group(case))
+        yield from found
+        if case.many_lost and _explained(case, found):
+            return
 
 
 def _explained(case: Case, found: Sequence[Explanation[Case]]) -> bool:
@@ -472,24 +477,84 @@ def _in_direction(recorded: Recorded) -> np.ndarray | None:
     return np.sign(np.nan_to_num(change))[:, None] if np.isfinite(recorded.period_s) else None
 
 
+def _level(rig: Rig) -> list[int]:
+    """The two axes of the world about which gravity can tilt."""
+    return np.flatnonzero(np.arange(3) != np.abs(rig.gravity_world_m_s2).argmax()).tolist()
+
+
+def _gravity_turned(values: np.ndarray, recorded: Recorded) -> Recorded | None:
+    """Hypothesis of gravity that is turned about the two level axes of the world."""
+    rig, turn_rad = recorded.rig, np.zeros(3)
+    turn_rad[_level(rig)] = values
+    gravity = Pose.from_rotvec(turn_rad, np.zeros(3)).rotation @ rig.gravity_world_m_s2
+    return recorded.with_rig(replace(rig, gravity_world_m_s2=gravity)) if gravity.any() else None
+
+
 ERRORS = (
     Change(
-        "moment_drift",
-        {"moment_offset_Nm": RecordingSettings.error_std},
-        "the moment sensor's zero walks by {} standard deviations of its noise during the recording",
-        "zero it again before a recording, or give --track-zero",
-        "standard deviations",
-        RecordingSettings.varies_std,
-        by=partial(_in_time, 1),
+        "clock_offset",
+        {"rows": RecordingSettings.lag_step},
+        "the readings are {} their pictures: the clocks differ",
+        "take stamps of one clock, unfiltered, or give --clock-offset",
+        "s",
+        starts=tuple(range(1, RecordingSettings.lag_most + 1)),
+        changed=lambda rows, recorded: _lagged(slice(None), float(rows[0]), recorded),
+        part="",
     ),
     Change(
-        "moment_drift",
-        {"moment_offset_Nm": RecordingSettings.error_std},
-        "the moment sensor's zero walks by {} standard deviations of its noise during the recording, not evenly",
-        "zero it again before a recording, or give --track-zero",
-        "standard deviations",
-        RecordingSettings.varies_std,
-        by=partial(_in_time, 3),
+        "moment_late",
+        {"rows": RecordingSettings.lag_step},
+        "the moments are {} their pictures: the sensor's delay or clock",
+        "take stamps of one clock, unfiltered, or give --clock-offset",
+        "s",
+        starts=tuple(range(1, RecordingSettings.lag_most + 1)),
+        changed=lambda rows, recorded: _lagged(slice(-2), float(rows[0]), recorded),
+        part="",
+    ),
+    Change(
+        "joint_offset",
+        {"tilt_rad": RecordingSettings.joint_step_rad},
+        "the tilt is off by {}",
+        "set the encoders' zeros, calibrate again",
+        "°",
+        starts=tuple(np.geomspace(4.0 * RecordingSettings.joint_step_rad, RecordingSettings.joint_most_rad, 5)),
+        changed=lambda angle, recorded: _tilted(-float(angle[0]), recorded),
+        part="base",
+    ),
+    Change(
+        "moment_turned",
+        {"sensor_about_x_rad": RecordingSettings.turn_step_rad},
+        "the moment sensor has been turned about the antenna by {}",
+        AGAIN,
+        "°",
+        RecordingSettings.turn_least_rad,
+        starts=tuple(np.linspace(RecordingSettings.turn_step_rad, RecordingSettings.turn_most_rad, 4)),
+        changed=lambda angle, recorded: _turned(float(angle[0]), recorded),
+        part="sensor",
+    ),
+    Change(
+        "gravity_tilted",
+        dict.fromkeys(("about_first_rad", "about_second_rad"), RecordingSettings.gravity_step_rad),
+        "gravity is tilted by {} against the rig's gravity_world",
+        "level the base, set the encoders' zeros, or calibrate again",
+        "°",
+        RecordingSettings.gravity_least_rad,
+        starts=tuple(np.linspace(0.0, RecordingSettings.gravity_most_rad, 4)[1:]),
+        changed=_gravity_turned,
+        part="base",
+    ),
+    *(
+        Change(
+            "moment_drift",
+            {"moment_offset_Nm": RecordingSettings.error_std},
+            f"the moment sensor's zero walks by {{}} standard deviations of its noise during the recording{how}",
+            "zero it again before a recording, or give --track-zero",
+            "standard deviations",
+            RecordingSettings.varies_std,
+            by=partial(_in_time, powers),
+            part="sensor",
+        )
+        for powers, how in ((1, ""), (3, ", not evenly"))
     ),
     Change(
         "moment_nonlinear",
@@ -499,6 +564,7 @@ ERRORS = (
         "standard deviations",
         RecordingSettings.varies_std,
         by=_in_load,
+        part="sensor",
     ),
     Change(
         "moment_by_joints",
@@ -509,6 +575,7 @@ ERRORS = (
         "standard deviations",
         RecordingSettings.varies_std,
         by=_in_joints,
+        part="sensor",
     ),
     Change(
         "moment_hysteresis",
@@ -518,9 +585,10 @@ ERRORS = (
         "standard deviations",
         RecordingSettings.varies_std,
         by=_in_direction,
+        part="sensor",
     ),
 )
-"""Errors of the moment that follow time, load, joints or direction."""
+"""Constant offsets, and errors of the moment that follow time, load, joints or direction."""
 
 
 def _errors_explained(case: Case) -> Iterator[Explanation[Case]]:
@@ -556,45 +624,57 @@ def _others_explained(case: Case) -> Iterator[Explanation[Case]]:
     yield from _compared(case, likely)
 
 
+def _put_right(row: Change, values: np.ndarray, recorded: Recorded) -> Recorded | None:
+    return None if row.changed is None else row.changed(values, recorded)
+
+
+def _sized(row: Change, recorded: Recorded, values: np.ndarray, std: float) -> str:
+    """An offset (K,) in words, with its standard deviation, both in rows or radians."""
+    size = float(np.linalg.norm(values))
+    if row.unit == "s":
+        period_s = recorded.period_s
+        return f"{size * period_s:.3g} ± {std * period_s:.1g} s {'before' if values[0] > 0.0 else 'behind'}"
+    if len(values) == 1:
+        return f"{np.degrees(values[0]):+.3g} ± {np.degrees(std):.1g}°"
+    each = zip(np.degrees(values), _level(recorded.rig), strict=True)
+    about = ", ".join(f"{angle:+.2g}° about {'xyz'[axis]}" for angle, axis in each)
+    return f"{np.degrees(size):.3g} ± {np.degrees(std):.1g}° ({about})"
+
+
 def _shifts_explained(case: Case) -> Iterator[Explanation[Case]]:
-    """Explanations by a constant offset of a clock or an encoder, where the frames cost more than usual."""
-    settings, period_s = RecordingSettings, case.recorded.period_s
+    """Explanations by a constant offset, where the frames cost more than usual."""
+    settings = RecordingSettings
     if case.usual:
         return
-    rows = settings.lag_step, np.arange(1.0, settings.lag_most + 1.0)
-    turns = settings.turn_step_rad, np.linspace(settings.turn_step_rad, settings.turn_most_rad, 4)
-    angles = settings.joint_step_rad, np.geomspace(4.0 * settings.joint_step_rad, settings.joint_most_rad, 5)
-    later, stamps = "the {} are {{}} the pictures that they are listed with: {}".format, "take stamps of one clock"
-    zero, aligned = "set the encoder's zero as it was at the calibration", "turn it back, or calibrate again"
-    calm = case.picked(_interpolable(case.recorded))
-    of_all, of_moments = partial(_lagged, slice(None)), partial(_lagged, slice(-2))
-    for name, words, remedy, changed, (step, far) in (
-        ("clock_offset", later("readings", "the clocks differ"), f"{stamps}, or give --clock-offset", of_all, rows),
-        ("moment_late", later("moments", "the sensor's delay or clock"), f"{stamps}, and no filter", of_moments, rows),
-        ("joint_offset", "the tilt is off by {}", zero, _tilted, angles),
-        ("moment_turned", "the moment sensor has been turned about the antenna by {}", aligned, _turned, turns),
-    ):
-        of_clock = changed in (of_all, of_moments)
-        if of_clock and not np.isfinite(period_s):
-            continue  # between frames of their own a reading means nothing
-        found = [(case, *_least_cost(case, changed, step, far))]
-        if of_clock and abs(found[0][1]) < 1.0:
-            # a part of a row may show better without the frames between which moments do not change evenly
-            found.append((calm, *_least_cost(calm, changed, step, np.ones(1))))
-        some, value, std, gained = max(found, key=lambda each: each[-1])
-        corrected, few = changed(value, case.recorded), changed(value, some.recorded)
-        least = settings.turn_least_rad if changed is _turned else 0.0
-        if corrected is None or few is None or not abs(value) > max(2.0 * std, least):
+    # frames that nothing explains take long: half of them are enough to find it
+    sought = case.picked(np.arange(0, len(case.recorded), 2)) if case.many_lost else case
+    calm = sought.picked(_interpolable(sought.recorded))
+    for row in ERRORS:
+        if row.changed is None:
             continue
+        if (in_time := row.unit == "s") and not np.isfinite(case.recorded.period_s):
+            continue  # between frames of their own a reading means nothing
+        found = [(sought, *_least_cost(sought, row))]
+        if in_time and abs(found[0][1][0]) < 1.0:
+            # a part of a row may show better without the frames between which moments do not change evenly
+            found.append((calm, *_least_cost(calm, row._replace(starts=(1.0,)))))
+        some, values, covariance, gained = max(found, key=lambda each: each[-1])
+        corrected, few = _put_right(row, values, case.recorded), _put_right(row, values, some.recorded)
+        size = float(np.linalg.norm(values))
+        std = float(np.sqrt(values @ covariance @ values)) / max(size, 1e-12)
+        if corrected is None or few is None or not size > max(2.0 * std, row.least):
+            continue
+        if case.many_lost:
+            gained += case.cost - case.with_missing(corrected).cost - some.cost + some.with_missing(few).cost
+            some, few = case, corrected
         gained -= some.of_one(some.with_missing(few))
-        if few.rig.wrench_sensor is not None and changed is _turned:
+        if few.rig.wrench_sensor is not None and some.recorded.rig.wrench_sensor is None:
             # its zero, as uncertain in each frame by itself, must not make up for noise
             spread = float(few.rig.wrench_sensor.std[0]) / few.rig.moment_sensor.std_Nm
             gained -= len(few) * float(np.log(spread))
-        size = f"{np.degrees(value if changed is _turned else -value):+.2g} ± {np.degrees(std):.1g}°"
-        if of_clock:
-            size = f"{abs(value) * period_s:.3g} ± {std * period_s:.1g} s {'before' if value > 0.0 else 'behind'}"
-        diagnosis = Diagnosis(name, words.format(size), remedy, "wrong")
+        largest = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
+        words = row.words.format(_sized(row, case.recorded, values, largest))
+        diagnosis = Diagnosis(row.name, words, row.remedy, "wrong")
         yield Explanation(diagnosis, gained - settings.unlikely, partial(case.explained_by, corrected))
 
 
@@ -605,38 +685,79 @@ def _interpolable(recorded: Recorded) -> np.ndarray:
     return rows if len(rows) >= RecordingSettings.fewest else np.arange(len(recorded))
 
 
-def _least_cost(
-    case: Case, changed: Callable[[float, Recorded], Recorded | None], step: float, far: np.ndarray
-) -> tuple[float, float, float]:
-    """Value of a change at which the frames cost least, its standard deviation, and the log evidence for it, by
-    parabolas.
-
-    step : scale of the prior, a Cauchy distribution. far : sizes from which the search begins, too, where few frames
-    cost less there; the last one is the largest.
-    """
+def _least_cost(case: Case, row: Change) -> tuple[np.ndarray, np.ndarray, float]:
+    """Values (K,) of an offset at which the frames cost least, their covariance (K, K), and the log evidence for them,
+    by parabolas."""
     few = case.picked(np.arange(0, len(case.recorded), RecordingSettings.thinned))
+    step, farthest, none = next(iter(row.std.values())), row.starts[-1], np.zeros(len(row.std))
 
-    def cost(value: float, case: Case = case) -> float:
-        corrected = changed(value, case.recorded)
-        return np.inf if corrected is None else case.with_missing(corrected).cost + float(np.log1p((value / step) ** 2))
+    def cost(values: np.ndarray, case: Case = case) -> float:
+        corrected = _put_right(row, values, case.recorded)
+        beforehand = float(np.log1p((values / step) ** 2).sum())
+        return np.inf if corrected is None else case.with_missing(corrected).cost + beforehand
 
-    value = min((0.0, *far.tolist(), *(-far).tolist()), key=partial(cost, case=few))
-    best, curvature = cost(value), 1.0 / step**2
-    for part in (1.0, 0.5, 0.25):
-        low, high = cost(value - part * step), cost(value + part * step)
-        if not np.isfinite(low + high):
-            continue  # at the end of what the readings cover
-        bend = (low + high - 2.0 * best) / (part * step) ** 2
-        if bend > 0.0:
-            curvature = max(bend, 1.0 / step**2)
-            move = float(np.clip(0.5 * (low - high) / (part * step * bend), -2.0 * step, 2.0 * step))
-        else:
-            move = part * step * np.sign(low - high)
-        near = float(np.clip(value + move, -far[-1], far[-1]))
-        if (there := cost(near)) < best:
-            value, best = near, there
-    std = curvature**-0.5
-    return value, std, case.cost - best + float(np.log(std / step))
+    starts = np.kron(row.starts, np.eye(len(row.std))).reshape(len(row.std), -1).T
+    by_free = [] if row.unit == "s" else [_by_free(case, row, share) for share in (0.5, 1.0)]
+    likely = sorted((none, *starts, *-starts, *by_free), key=partial(cost, case=few))
+    values = min(likely[: RecordingSettings.followed], key=cost)
+    best, information = cost(values), np.eye(len(values))  # of a step
+    part = 1.0
+    for _ in range(RecordingSettings.iterations):
+        if (found := _bottom(cost, values, best, part * step)) is not None:
+            move, bend = found
+            information = information if bend is None else bend / part**2
+            near = np.clip(values + move, -farthest, farthest)
+        # at the end of what the readings cover there is no way
+        gained = -np.inf if found is None else best - (there := cost(near))
+        if gained > 0.0:
+            values, best = near, there
+        part *= 1.0 if gained > RecordingSettings.gain else 0.5
+        # what cannot be reported need not be found exactly
+        if part < (0.02 if case.cost - best > DecisionSettings.least_log_odds else 0.25):
+            break
+    evidence = case.cost - best - 0.5 * float(np.linalg.slogdet(information)[1])
+    return values, step**2 * np.linalg.inv(information), evidence
+
+
+def _by_free(case: Case, row: Change, share: float) -> np.ndarray:
+    """Values (K,) of an offset at which a part of the likely free frames, those that fit better, costs least as free
+    ones: smooth at any distance."""
+    free = case.recorded.picked(np.flatnonzero(case.free))
+    values, step, most = np.zeros(len(row.std)), next(iter(row.std.values())), row.starts[-1]
+    for _ in range(RecordingSettings.rounds):
+        alone = np.zeros(0) if (corrected := _put_right(row, values, free)) is None else corrected.fit.alone
+        some = free.picked(np.sort(np.argsort(alone)[: int(np.ceil(share * len(alone)))]))
+
+        def cost(values: np.ndarray, some: Recorded = some) -> float:
+            corrected = _put_right(row, values, some)
+            return np.inf if corrected is None else float(corrected.fit.alone.sum())
+
+        here = cost(values) if len(some) else np.inf
+        found = _bottom(cost, values, here, step) if np.isfinite(here) else None
+        ways = [] if found is None else [np.clip(values + part * found[0], -most, most) for part in (1.0, 0.5, 0.25)]
+        values, before = next((way for way in ways if cost(way) < here), values), values
+        if values is before:
+            break
+    return values
+
+
+def _bottom(
+    cost: Callable[[np.ndarray], float], values: np.ndarray, here: float, step: float
+) -> tuple[np.ndarray, np.ndarray | None] | None:
+    """The way (K,) to the bottom of a parabola through costs a step around some values, and its second derivatives
+    (K, K) per step, at least those of the prior; a step downhill where it has no bottom, and None; None where there is
+    no cost."""
+    ways = step * np.eye(len(values))
+    low, high = (np.array([cost(values + sign * way) for way in ways]) for sign in (-1.0, 1.0))
+    if not np.isfinite([here, *low, *high]).all():
+        return None
+    bend = np.diag(low + high - 2.0 * here)
+    for i, j in combinations(range(len(values)), 2):
+        bend[i, j] = bend[j, i] = cost(values + ways[i] + ways[j]) - high[i] - high[j] + here
+    size, axes = np.linalg.eigh(bend)
+    downhill = axes.T @ (0.5 * (low - high))
+    steps = np.where(size > 0.0, np.clip(downhill / np.maximum(size, 1.0), -2.0, 2.0), np.sign(downhill))
+    return step * (axes @ steps), (axes * np.maximum(size, 1.0)) @ axes.T if size[0] > 0.0 else None
 
 
 @lru_cache(maxsize=1)

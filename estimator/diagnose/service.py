@@ -15,6 +15,7 @@ from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.rig import Rig
 
 from .changes import CHANGES
+from .hypotheses import ERRORS
 from .watch import RecordingVerdict, RecordingWatch
 
 
@@ -36,7 +37,7 @@ class RigWatch:
     gave way, a bent or exchanged antenna, a sensor with another zero or gain, or a dead one.
 
     The last frames are judged together by the hypotheses that a recording's verdict compares (`RecordingWatch`), each
-    camera's by themselves. A part of the rig (camera, antenna, sensor) is named once, until a later judgement is
+    camera's by themselves. A part of the rig (`Change.part`) is named once, until a later judgement is
     without it.
 
     Attributes
@@ -109,16 +110,9 @@ class RigWatch:
     def _news(self, found: RecordingVerdict, camera: str) -> list[Diagnosis]:
         """The cause to report: sure, of one part of the rig several times in a row, and not reported yet; else none."""
         sure = found.log_odds >= WatchSettings.least_log_odds
-        # the part that each change is of: that something of the camera has changed shows before which of its parameters
-        parts = {
-            **dict.fromkeys((row.name for row in CHANGES), "antenna"),
-            **dict.fromkeys(
-                ("picture_moved", "camera_turned", "camera_moved", "focus_changed", "picture_scaled"), "camera"
-            ),
-            **dict.fromkeys(
-                ("moment_gain", "moment_zero", "moment_dead", "moment_stuck", "moment_unexplained"), "sensor"
-            ),
-        }
+        # that something of the camera has changed shows before which of its parameters
+        parts = {row.name: row.part for row in (*CHANGES, *ERRORS) if row.part}
+        parts |= dict.fromkeys(("moment_dead", "moment_stuck", "moment_unexplained"), "sensor")
         cause = next((one for one in found.verdict.findings if sure and one.grave and one.name in parts), None)
         part = "" if cause is None else parts[cause.name]
         part = f"{part} {camera}".strip() if part == "camera" else part

@@ -16,7 +16,8 @@ class RecordingSettings:
     contact: float = 8.0  # cost of a contact's place and force, which a free antenna does not have (Occam factor)
     most: float = 30.0  # cost of one frame: an outlier counts no more
     friction_rad: float = 0.2  # standard deviation of the friction angle
-    iterations: int = 8  # moves of the rig towards a change
+    iterations: int = 8  # moves of the rig, or of an offset, towards a change
+    rounds: int = 3  # moves of an offset towards what the free frames show
     seeds: int = 2  # single frames from whose change the search for what all share begins, where many are lost
     reweightings: int = 12  # of frames, in looking for the change that most of them share
     lost: float = 0.05  # part of the frames that nothing explains from which what most of them share is sought
@@ -47,6 +48,9 @@ class RecordingSettings:
     joint_most_rad: float = 0.5  # error of an encoder's zero up to which it is sought
     joint_far_rad: float = 0.05  # error of the tilt that must be reported: a twentieth of the reach
     turn_step_rad: float = 0.35  # scale of the prior (Cauchy) of a sensor's turn about the antenna
+    gravity_step_rad: float = 0.05  # scale of the prior (Cauchy) of a tilt of gravity, about each axis
+    gravity_least_rad: float = 0.05  # smaller tilts of gravity are not distinguished from what a rig's drift leaves
+    gravity_most_rad: float = 0.4  # largest tilt of gravity that is sought
     turn_least_rad: float = 0.1  # smaller turns hardly show
     turn_most_rad: float = 1.4  # largest turn that is sought: 90° is another axis
     error_std: float = 100.0  # prior standard deviation of an error of the moment, in those of its noise
