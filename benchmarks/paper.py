@@ -33,7 +33,8 @@ from benchmarks.harness import (
 from benchmarks.object.scenes import contact_table
 from estimator import ContactEstimator
 from estimator.object.estimate import ObjectEstimate, estimate_object
-from estimator.paper.two_point import contact_position, force_z, two_point_contact
+from estimator.paper.baselines import press_from_recording, run_method
+from estimator.paper.two_point import contact_position
 from estimator.table.contacts import FRICTION_RAD
 from vbaa_calib.antenna.rod import RodShape, sample_shape, solve_rod
 from vbaa_calib.camera import Camera
@@ -159,46 +160,20 @@ Answer = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Distances (B,), their deviations (B,) and forces (B, 3), antenna frame; NaN where there are none."""
 
 
-@dataclass(frozen=True)
-class _TwoPointSettings:
-    """Where the paper's two points are taken, and what its formulas are trusted with."""
-
-    shares: tuple[float, float] = (0.6, 0.97)  # places of the points, over the length
-    degree: int = 4  # of the free antenna's line: that of a beam under its own weight
-    steep: float = 0.5  # slope of the straight part up to which deflections count as small (Assumption 1)
-    uncertain: float = 0.1  # standard deviation of a distance, in lengths, from which it is withheld
-
-
 def by_two_points(rig: Rig, pictures: Pictures, free: Pictures, sigma_px: float) -> Answer:
-    """The paper's camera A, frame by frame: Eqs. (10)–(16) on plane C, pictures and readings less those of the free
-    antenna (of each frame, or of one), with first-order deviations of points, moment and stiffness."""
-    layer, antenna, sensor, settings = rig.camera_on_plane(), rig.antenna, rig.moment_sensor, _TwoPointSettings()
-    bent, lines = (layer.project(one.points_px)[0] for one in (pictures, free))
-    far = np.abs(bent[:, :, None, 0] - np.array(settings.shares) * antenna.length_m)
-    at = np.argmin(np.where(np.isfinite(far), far, np.inf), axis=1)
-    x, y = np.moveaxis(np.take_along_axis(bent, at[..., None], axis=1), -1, 0)
-    known = [line[np.isfinite(line).all(axis=1)].T for line in lines]
-    shapes = [np.polynomial.Polynomial.fit(x_m, y_m, settings.degree) for x_m, y_m in known]
-    y = y - np.array([shape(place) for shape, place in zip(shapes * (len(x) // len(shapes)), x, strict=True)])
-    moment = (pictures.moment_Nm - free.moment_Nm)[:, 1] / sensor.gain
-    values = np.column_stack([y, moment, np.full(len(x), antenna.stiffness_Nm2)])
-
-    def solved(values: np.ndarray) -> np.ndarray:
-        found = two_point_contact(x, values[:, :2], values[:, 3], antenna.length_m)
-        return np.column_stack([found.contact_m, found.force_y_N, force_z(values[:, 2], found.contact_m)])
-
-    # a point's noise counts as that at the antenna's middle
-    middle = np.array([[0.5 * antenna.length_m, 0.0, 0.0]])
-    pixels, _ = rig.camera.project(rig.T_antenna_camera.inverse() @ middle)
-    point_std = sigma_px * float(np.sqrt(np.abs(np.linalg.det(layer.pixel_jacobian(pixels)))[0]))
-    moment_std = float(np.sqrt(2.0)) * sensor.std_Nm / sensor.gain
-    steps = np.diag([point_std, point_std, moment_std, antenna.stiffness_Nm2 * rig.std("log_stiffness_Nm2")])
-    found, moved = solved(values), [0.5 * (solved(values + step) - solved(values - step)) for step in steps]
-    std = np.sqrt(np.sum(np.square(moved), axis=0)[:, 0])
-    steep = np.abs(np.diff(y)[:, 0]) > settings.steep * np.abs(np.diff(x)[:, 0])
-    withheld = steep | ~(std < settings.uncertain * antenna.length_m)
-    found[withheld], std[withheld] = np.nan, np.nan
-    return found[:, 0], std, np.column_stack([np.full(len(x), np.nan), found[:, 1:]])
+    """The paper's camera A, frame by frame."""
+    seen = (pictures.points_px, pictures.moment_Nm), (free.points_px, free.moment_Nm)
+    still = np.zeros(len(pictures.points_px))
+    press = press_from_recording(rig, *seen, (still, still), sigma_px=sigma_px)
+    points, moments = np.asarray(press.points_m), np.asarray(press.moment_Nm)
+    found = [
+        run_method("3D-VBAA, camera A", replace(press, turn_rad=None, moment_Nm=moment[None], points_m=line[None]))
+        for line, moment in zip(points, moments, strict=True)
+    ]
+    distance, std, force = (
+        [getattr(one, name) for one in found] for name in ("distance_m", "distance_std_m", "force_N")
+    )
+    return np.array(distance), np.array(std), np.array(force)
 
 
 def direction_deg(force_N: np.ndarray) -> np.ndarray:

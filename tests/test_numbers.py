@@ -12,6 +12,7 @@ import pytest
 from estimator import ContactEstimator, Measured, next_touch, refine
 from estimator.live import LiveEstimator
 from estimator.object.estimate import estimate_object
+from estimator.paper.baselines import Press, Wire, run_method
 from estimator.paper.inclined import eq29_baseline, inclined_two_point_contact
 from estimator.paper.two_point import force_z, two_point_contact
 from estimator.table.files import read_contacts, write_contacts
@@ -120,6 +121,8 @@ PUBLIC: dict[Callable[..., Any], dict[str, Any]] = {
     ),
     force_z: {"moment_Nm": 0.01, "contact_m": 0.1},
     curves: {"rung": "rod", "parameters": RIG.antenna.parameters[None], "length_m": 0.2} | SHAPES,
+    **{run_method: {"name": "2D-VBAA", "press": None}, Press: {"wire": Wire(0.2, 0.004)}},
+    Wire: {"length_m": 0.2, "stiffness_Nm2": 0.004},
     Timing: {"offset_s": 0.0, "gap_s": 0.1, "wait_s": 0.1, "joints_rad": (0.0, 0.0), "moment_std_Nm": (0.0, 0.0)},
     Synchronizer: {"timing": TIMING, "channels": ["moment_Nm"]},
     Reading: {"time_s": 0.0, "channel": "moment_Nm", "value": 0.0, "arrived_s": 0.0},

@@ -1,1 +1,1 @@
-"""The paper's formulas."""
+"""The paper's formulas, and related systems as baselines."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.paper import by_two_points, paper_rig, touched_edges
 from estimator.paper import two_point
 from estimator.paper.two_point import Part, two_point_contact
 from vbaa_calib.antenna import linear
@@ -124,15 +123,3 @@ def test_force_z_and_contact_position() -> None:
     np.testing.assert_allclose(two_point.contact_position(contact, f_y, f_z, EI), expected, rtol=1e-14)
     assert np.isnan(two_point.force_z(moment, [0.0, -0.1, np.nan])).all()
     assert two_point.contact_position(np.full((4, 5), contact), f_y, np.full(5, f_z), EI).shape == (4, 5, 3)
-
-
-def test_the_papers_way_states_what_sampling_shows() -> None:
-    """Small noise on pictures and readings, touched and free: the distances scatter as the formulas' first order says,
-    and are what is true but for the deflection's second order."""
-    rig, rng = paper_rig(), np.random.default_rng(3)
-    frames = touched_edges(rig, 30.0)
-    answers = [by_two_points(rig, *frames.noisy(rig, 0.02, rng), 0.02) for _ in range(100)]
-    distance, std, _ = (np.array(each) for each in zip(*answers, strict=True))
-    assert np.isfinite(distance).all()
-    np.testing.assert_allclose(distance.mean(axis=0), frames.distance_m, rtol=0.05)
-    assert np.mean(distance.var(axis=0) / (std**2).mean(axis=0)) == pytest.approx(1.0, abs=0.15)
