@@ -65,6 +65,8 @@ VERBS = {
     "bench": ("vbaa_calib.cli.bench", "speed against error, with the alternatives in the same run"),
 }
 """Name → (module with `configure`, which sets `run`, and one line of help), in the order of use."""
+# the collection at exit takes a tenth of a second
+atexit.register(gc.freeze)
 
 
 def _module(verb: str) -> ModuleType:
@@ -227,28 +229,8 @@ def _seldom_collecting() -> Iterator[None]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The `vbaa` command. Returns the exit code: 0 done, 1 wrong verdict or failure, 2 wrong input, 130 interrupted.
-
-    argv : of a call from Python. Without it this is the program, which ends with that code as soon as everything that
-    is due at exit is done: Python would take every module apart first, for a tenth of a short command.
-    """
-    if argv is not None:
-        return _code_of(list(argv))
-    codes: list[int] = []
-
-    def end() -> None:
-        if codes:  # else a traceback is on its way out
-            for stream in (sys.stdout, sys.stderr):
-                with contextlib.suppress(AttributeError, OSError, ValueError):  # closed by the caller
-                    stream.flush()
-            os._exit(codes[0])
-
-    atexit.register(end)  # what is registered first runs last
-    codes.append(_code_of(sys.argv[1:]))
-    return codes[0]
-
-
-def _code_of(argv: Sequence[str]) -> int:
+    """The `vbaa` command. Returns the exit code: 0 done, 1 wrong verdict or failure, 2 wrong input, 130 interrupted."""
+    argv = sys.argv[1:] if argv is None else list(argv)
     if "OMP_NUM_THREADS" not in os.environ:
         # matrices of a few hundred rows: threads of linear algebra would only wait for each other
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
