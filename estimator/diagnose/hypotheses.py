@@ -700,12 +700,16 @@ def _least_cost(case: Case, row: Change) -> tuple[np.ndarray, np.ndarray, float]
     by_free = [] if row.unit == "s" else [_by_free(case, row, share) for share in (0.5, 1.0)]
     likely = sorted((none, *starts, *-starts, *by_free), key=partial(cost, case=few))
     values = min(likely[: RecordingSettings.followed], key=cost)
-    best, information = cost(values), np.eye(len(values))  # of a step
+    best, information, covariance = cost(values), np.eye(len(values)), np.eye(len(values))  # of a step
     part = 1.0
     for _ in range(RecordingSettings.iterations):
         if (found := _bottom(cost, values, best, part * step)) is not None:
             move, bend = found
-            information = information if bend is None else bend / part**2
+            if bend is not None:
+                size, axes = np.linalg.eigh(bend)
+                information = (axes * np.maximum(size, 1.0) / part**2) @ axes.T
+                # what the frames do not determine is as uncertain as beforehand
+                covariance = (axes / np.maximum(size / part**2, 1.0)) @ axes.T
             near = np.clip(values + move, -farthest, farthest)
         # at the end of what the readings cover there is no way
         gained = -np.inf if found is None else best - (there := cost(near))
@@ -716,7 +720,7 @@ def _least_cost(case: Case, row: Change) -> tuple[np.ndarray, np.ndarray, float]
         if part < (0.02 if case.cost - best > DecisionSettings.least_log_odds else 0.25):
             break
     evidence = case.cost - best - 0.5 * float(np.linalg.slogdet(information)[1])
-    return values, step**2 * np.linalg.inv(information), evidence
+    return values, step**2 * covariance, evidence
 
 
 def _by_free(case: Case, row: Change, share: float) -> np.ndarray:
@@ -745,7 +749,7 @@ def _bottom(
     cost: Callable[[np.ndarray], float], values: np.ndarray, here: float, step: float
 ) -> tuple[np.ndarray, np.ndarray | None] | None:
     """The way (K,) to the bottom of a parabola through costs a step around some values, and its second derivatives
-    (K, K) per step, at least those of the prior; a step downhill where it has no bottom, and None; None where there is
+    (K, K) per step; a step downhill where it has no bottom, and None; None where there is
     no cost."""
     ways = step * np.eye(len(values))
     low, high = (np.array([cost(values + sign * way) for way in ways]) for sign in (-1.0, 1.0))
@@ -757,7 +761,7 @@ def _bottom(
     size, axes = np.linalg.eigh(bend)
     downhill = axes.T @ (0.5 * (low - high))
     steps = np.where(size > 0.0, np.clip(downhill / np.maximum(size, 1.0), -2.0, 2.0), np.sign(downhill))
-    return step * (axes @ steps), (axes * np.maximum(size, 1.0)) @ axes.T if size[0] > 0.0 else None
+    return step * (axes @ steps), bend if size[0] > 0.0 else None
 
 
 @lru_cache(maxsize=1)
