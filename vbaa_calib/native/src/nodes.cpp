@@ -90,13 +90,13 @@ NodeTables made() {
     tables.inner_from_tip = integrals_from<INNER_NODES>(tables.inner, 1.0, -1.0);
     tables.outer_from_contact = integrals_from<OUTER_NODES>(tables.outer, 0.0, 1.0);
     tables.outer_from_tip = integrals_from<OUTER_NODES>(tables.outer, 1.0, -1.0);
-    tables.by_inner_node = {}, tables.by_outer_node = {};
     for (int row = 0; row < NODES_TO_CONTACT; ++row) {
         tables.at_inner_curve[row] = weights<INNER_NODES>(curve_share(row), false);
         tables.to_inner_curve[row] = weights<INNER_NODES>(curve_share(row), true);
         for (int node = 0; node < INNER_NODES; ++node)
             tables.by_inner_node[node][row] = tables.at_inner_curve[row][node];
     }
+    tables.by_outer_node = {};
     for (int row = 0; row < NODES_BEYOND; ++row) {
         tables.at_outer_curve[row] = weights<OUTER_NODES>(curve_share(NODES_TO_CONTACT + row), false);
         tables.to_outer_curve[row] = weights<OUTER_NODES>(curve_share(NODES_TO_CONTACT + row), true);

@@ -12,11 +12,11 @@
 namespace vbaa::antenna {
 
 // Nodes at which a shape is written: evenly from the clamp to the contact, both included, and beyond it to the tip.
-constexpr int NODES_TO_CONTACT = 27, NODES_BEYOND = 14, CURVE_NODES = NODES_TO_CONTACT + NODES_BEYOND;
+constexpr int NODES_TO_CONTACT = 40, NODES_BEYOND = 21, CURVE_NODES = NODES_TO_CONTACT + NODES_BEYOND;
 constexpr int CONTACT = NODES_TO_CONTACT - 1;
-// Rows of eight for all nodes of one shape.
-constexpr int NODE_ROWS = whole_lanes(CURVE_NODES) / LANES;
-static_assert(NODES_TO_CONTACT + whole_lanes(NODES_BEYOND) <= NODE_ROWS * LANES);
+// Rows of eight for all nodes of one shape; those to the contact fill theirs.
+constexpr int NODE_ROWS = whole_lanes(CURVE_NODES) / LANES, INNER_ROWS = NODES_TO_CONTACT / LANES;
+static_assert(NODES_TO_CONTACT % LANES == 0);
 // Nodes at which a shape is computed, from the clamp to the contact and from there to the tip: as many as keep what
 // they lose a tenth below what four sweeps leave (shapes.hpp).
 constexpr int INNER_NODES = 10, OUTER_NODES = 7, NODES = INNER_NODES + OUTER_NODES;
@@ -42,8 +42,8 @@ struct NodeTables {
     Weights<NODES_TO_CONTACT, INNER_NODES> at_inner_curve, to_inner_curve;
     Weights<NODES_BEYOND, OUTER_NODES> at_outer_curve, to_outer_curve;
     // the values' weights by node, for eight nodes of the curve at once
-    Weights<INNER_NODES, whole_lanes(NODES_TO_CONTACT)> by_inner_node;
-    Weights<OUTER_NODES, whole_lanes(NODES_BEYOND)> by_outer_node;
+    Weights<INNER_NODES, INNER_ROWS * LANES> by_inner_node;
+    Weights<OUTER_NODES, (NODE_ROWS - INNER_ROWS) * LANES> by_outer_node;
 };
 
 // The tables, computed once.

@@ -75,25 +75,22 @@ Frame rotation(Lanes about_y, Lanes about_z) {
     return {{1.0 - y_square - z_square, z, -y}, {-z, 1.0 - z_square, both}, {y, both, 1.0 - y_square}};
 }
 
-// Interpolate the first shape's tangents, eight nodes at a time; those beyond the contact overwrite what fills up the
-// last eight before.
+// Interpolate the first shape's tangents, eight nodes at a time.
 void put_first_tangents(const Field& field, Cube tangents) {
-    const auto put_side = [&](int first, int count, const auto& weights, const Vectors* values) {
-        for (int row = 0; row < count; row += LANES) {
-            Vectors total = {};
-            for (std::size_t node = 0; node < weights.size(); ++node) {
-                const Lanes some = load(&weights[node][row]);
-                const Vectors& v = values[node];
-                total = total + Vectors{v.x[0] * some, v.y[0] * some, v.z[0] * some};
-            }
-            double* to = &tangents(0, 0, 0) + first + row;
-            store(to, total.x);
-            store(to + NODE_ROWS * LANES, total.y);
-            store(to + 2 * NODE_ROWS * LANES, total.z);
-        }
-    };
-    put_side(0, NODES_TO_CONTACT, node_tables().by_inner_node, field.data());
-    put_side(NODES_TO_CONTACT, NODES_BEYOND, node_tables().by_outer_node, &field[INNER_NODES]);
+    const NodeTables& tables = node_tables();
+    for (int row = 0; row < NODE_ROWS; ++row) {
+        Vectors total = {};
+        auto add = [&](const double* weights, const Vectors& v) {
+            Lanes nodes = load(weights);
+            total = total + Vectors{v.x[0] * nodes, v.y[0] * nodes, v.z[0] * nodes};
+        };
+        if (row < INNER_ROWS)
+            for (int node = 0; node < INNER_NODES; ++node) add(&tables.by_inner_node[node][LANES * row], field[node]);
+        else
+            for (int node = 0; node < OUTER_NODES; ++node)
+                add(&tables.by_outer_node[node][LANES * (row - INNER_ROWS)], field[INNER_NODES + node]);
+        put(tangents, row, total);
+    }
 }
 
 void put_tangents(const Field& field, Cube tangents) {

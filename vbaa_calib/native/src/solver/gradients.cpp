@@ -72,15 +72,11 @@ void by_changes(const Fit& fit, ConstMatrix response, const Changes& changes, Ma
 
 // Derivatives by the ideal points (7, N, 2), zeros for missing ones.
 void by_points(const Fit& fit, ConstMatrix response, ConstVector usable, Cube found) {
-    Array<double, 2> along(fit.nodes, LANES), beyond(fit.nodes, LANES);
+    Array<double, 2> along(fit.nodes, LANES);
     for (int j = 0; j < fit.nodes; ++j) {
         Lanes total = {};
         for (int a = 0; a < fit.size; ++a) total += fit.columns(j, a) * load(response.row(a).data);
         store(&along(j, 0), total);
-    }
-    for (int j = 0; j < fit.nodes; ++j) {
-        const auto there = [&](int k) { return load(&along(j - j % NODES + k, 0)); };
-        if (j % NODES < LAST) store(&beyond(j, 0), second_difference_behind(there, j % NODES));
     }
     const double by_scatter = 1.0 / (fit.scatter * fit.scatter);
     int i = 0;
@@ -93,8 +89,7 @@ void by_points(const Fit& fit, ConstMatrix response, ConstVector usable, Cube fo
         const double v = fit.normal_v[node] + share * (fit.normal_v[node + 1] - fit.normal_v[node]);
         const double scale = weight / std::hypot(u, v);
         for (int q = 0; q < RESULTS; ++q) {
-            const double line = along(node, q) + share * (along(node + 1, q) - along(node, q));
-            const double pull = (line + (ABOVE_MEAN - 0.5 * share * (1.0 - share)) * beyond(node, q)) * scale;
+            const double pull = (along(node, q) + share * (along(node + 1, q) - along(node, q))) * scale;
             found(q, row, 0) = pull * u;
             found(q, row, 1) = pull * v;
         }
@@ -113,9 +108,7 @@ Changes changes_by_rig(const Rig& rig, const Frame& frame, const Bent& bent) {
         std::copy_n(bent.raw.row(row).data, count, changes.shift.row(j).data);
     }
     for (int clamp = 0; clamp < rig.nodes(); clamp += NODES) {
-        const Matrix picture = changes.shift.view().part(clamp, NODES);
-        fill_between_samples(vectors, 0, picture);
-        keep_means(vectors, 0, picture);
+        fill_between_samples(vectors, 0, changes.shift.view().part(clamp, NODES));
     }
     for (int k = 0; k < rig.readings; ++k) {
         for (int q = 0; q < count; ++q) changes.reading(k, q) = bent.raw_readings(k, q) * frame.available[k];

@@ -118,25 +118,14 @@ Search begun(const Task& task, const Rigs& rigs, const Unknowns& warm, bool alwa
     return search;
 }
 
-// Whether a rough minimum lies near a frame's points, so that none nearer need be searched.
-bool lies_near(const Search& search) {
-    constexpr double most = 10.0;       // cost of a point: a quarter of what it has where most are as far off as may be
-    constexpr double next_to_it = 0.9;  // least share of the points next to the antenna, not beyond its ends
-    const Fit& rough = *search.rough[0];
-    int next = 0;
-    for (int i = 0; i < rough.points; ++i) next += 0.0 < rough.foot_m[i] && rough.foot_m[i] < search.rig.length_m;
-    return largest_gain(search.grid) > FAINT && rough.cost < most * rough.points && next > next_to_it * rough.points;
-}
-
 // Distance of most points from the nearest antenna, with its unknowns in `nearest`, for a frame that no contact
 // explains; else NaN.
 double left_over(const Search& search, Unknowns& nearest) {
-    nearest = search.starts[0];
-    if (lies_near(search)) return NOT_KNOWN;
     const Rig& rig = search.rig;
     const Fit& free = search.work.free;
     const int every = search.some.every;
     const LargestError error = largest_error(rig, free, every);
+    nearest = search.starts[0];
     double left = beyond_reach(rig, search.some.frame);
     if (!(left > error.far)) {
         left = most_distance(rig, search.frame, free, every, search.grid.shift);

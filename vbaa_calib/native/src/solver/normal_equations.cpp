@@ -11,7 +11,7 @@ namespace vbaa::solver {
 
 namespace {
 
-constexpr int EVERY = 3, FOOT_STEPS = 2;  // a foot is searched from the nearest of every third node by Newton steps
+constexpr int EVERY = 4, FOOT_STEPS = 2;  // a foot is searched from the nearest of every fourth node by Newton steps
 constexpr double CONVERGED = 1e-4;        // part of the cost that the last step of a linear problem promises at most
 
 // The numbers at eight places.
@@ -44,29 +44,16 @@ void take_out(Fit& fit, ConstVector shift) {
 
 // Sums of weights w and residuals r of neighbouring points between the same two nodes, at shares s of the way.
 struct Sums {
-    double w = 0.0, ws = 0.0, wss = 0.0, wr = 0.0, wrs = 0.0, wrss = 0.0;
+    double w = 0.0, ws = 0.0, wss = 0.0, wr = 0.0, wrs = 0.0;
 
-    void put(Fit& fit, int node, double* beyond) const {
+    void put(Fit& fit, int node) const {
         fit.diagonal[node] += w - 2.0 * ws + wss;
         fit.diagonal[node + 1] += wss;
         fit.off_diagonal[node] += ws - wss;
         fit.pull[node] += wr - wrs;
         fit.pull[node + 1] += wrs;
-        beyond[node] += ABOVE_MEAN * wr - 0.5 * (wrs - wrss);
     }
 };
-
-// Adds to the pull on nodes, from `first` to `last` on one side of the contact, that of what columns have between them
-// beyond straight lines: second differences, the mean of those at both ends of each interval.
-void pull_beyond(const double* beyond, int first, int last, double* pull) {
-    double on[NODES] = {};  // a node's second difference
-    for (int j = first + 1; j < last; ++j) on[j] = 0.5 * (beyond[j - 1] + beyond[j]);
-    on[first + 1] += 0.5 * beyond[first];
-    on[last - 1] += 0.5 * beyond[last - 1];
-    pull[first] += on[first + 1];
-    for (int j = first + 1; j < last; ++j) pull[j] += on[j - 1] - 2.0 * on[j] + on[j + 1];
-    pull[last] += on[last - 1];
-}
 
 // Adds one picture's points to COUNT vectors of the right side, from a column on.
 template <int COUNT>
@@ -229,7 +216,6 @@ double points_cost(Fit& fit) {
     for (Array<double, 1>* each : {&fit.diagonal, &fit.off_diagonal, &fit.pull}) fill(each->view(), 0.0);
     const double by_scatter = 1.0 / fit.scatter, square = by_scatter * by_scatter;
     Lanes costs = spread(0.0);
-    Array<double, 1> beyond(fit.nodes);
     Sums sums;  // written when the next node begins
     int before = 0;
     for (int i = 0; i < fit.points; i += LANES) {
@@ -239,14 +225,13 @@ double points_cost(Fit& fit) {
         // NaN has full weight here: its cost shows it
         const Lanes w = HUBER / where_positive(size - HUBER, size, HUBER) * precision * square;
         const Lanes share = load(fit.share.begin() + i), ws = w * share, wr = w * distance;
-        const Lanes wrs = wr * share;
-        double table[6][LANES];
+        double table[5][LANES];
         store(table[0], w), store(table[1], ws), store(table[2], ws * share), store(table[3], wr);
-        store(table[4], wrs), store(table[5], wrs * share);
+        store(table[4], wr * share);
         const int some = std::min(LANES, fit.points - i), *nodes = fit.node.begin() + i;
         for (int lane = 0; lane < some; ++lane) {
             if (nodes[lane] != before) {
-                sums.put(fit, before, beyond.begin());
+                sums.put(fit, before);
                 sums = Sums{};
                 before = nodes[lane];
             }
@@ -255,14 +240,9 @@ double points_cost(Fit& fit) {
             sums.wss += table[2][lane];
             sums.wr += table[3][lane];
             sums.wrs += table[4][lane];
-            sums.wrss += table[5][lane];
         }
     }
-    sums.put(fit, before, beyond.begin());
-    for (int clamp = 0; clamp < fit.nodes; clamp += NODES) {
-        pull_beyond(&beyond[clamp], 0, CONTACT, &fit.pull[clamp]);
-        pull_beyond(&beyond[clamp], CONTACT, LAST, &fit.pull[clamp]);
-    }
+    sums.put(fit, before);
     return sum(costs);
 }
 

@@ -90,16 +90,11 @@ void curves(const Rig& rig, const Bent& bent, Fit& fit) {
 // Derivatives by the unknowns: displacements along the normals of the lanes that were moved.
 void by_unknowns(const Bent& bent, Fit& fit, int free) {
     const Lanes by_step = load(bent.by_step);
-    for (int clamp = 0; clamp < fit.nodes; clamp += NODES) {
-        Lanes moved[NODES];
-        for (int k = 0, j = clamp; k < NODES; ++k, ++j) {
-            const double *u = &bent.u(j, 0), *v = &bent.v(j, 0);
-            moved[k] = (load(u) - u[0]) * (by_step * fit.normal_u[j]) + (load(v) - v[0]) * (by_step * fit.normal_v[j]);
-        }
-        for (int k = 0; k < NODES; ++k) {
-            const Lanes mean = moved[k] - ABOVE_MEAN * second_difference([&](int j) { return moved[j]; }, k);
-            for (int a = 0; a < free; ++a) fit.columns(clamp + k, a) = mean[1 + a];
-        }
+    for (int j = 0; j < fit.nodes; ++j) {
+        const double *u = &bent.u(j, 0), *v = &bent.v(j, 0);
+        const Lanes moved =
+            (load(u) - u[0]) * (by_step * fit.normal_u[j]) + (load(v) - v[0]) * (by_step * fit.normal_v[j]);
+        for (int k = 0; k < free; ++k) fit.columns(j, k) = moved[1 + k];
     }
 }
 

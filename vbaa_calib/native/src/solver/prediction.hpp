@@ -1,6 +1,6 @@
 // What the model predicts of a frame at some unknowns, and its derivatives by them.
-// Everything lives on the nodes of the predicted curve, a cubic between them. The picture's displacement along the
-// normal is taken as linear there, through values at the nodes that keep its mean.
+// Everything lives on the nodes of the predicted curve. Between nodes the picture's displacement along the normal is
+// taken as linear, which costs a ten-thousandth of it; the curve itself is a cubic.
 #pragma once
 
 #include "solver/structs.hpp"
@@ -38,23 +38,6 @@ double read_by(const double (&row)[WRENCH], const ClampWrench& wrench);
 
 // Readings by a force of 1 N along y (0) or z (1) at a distance from the clamp, in their σ.
 double by_force(const Rig& rig, int reading, int axis, double distance_m);
-
-// Second difference of `values(j)` at a node of a picture. It jumps at the contact, where the mean of both sides
-// counts.
-template <class Values>
-auto second_difference(const Values& values, int node) {
-    const auto at = [&](int j) { return values(j - 1) - 2.0 * values(j) + values(j + 1); };
-    return node == CONTACT ? 0.5 * (at(CONTACT - 1) + at(CONTACT + 1)) : at(std::min(std::max(node, 1), LAST - 1));
-}
-// The mean of those at a node and the next one, on the same side of the contact.
-template <class Values>
-auto second_difference_behind(const Values& values, int node) {
-    const int first = node < CONTACT ? 0 : CONTACT, last = node < CONTACT ? CONTACT : LAST;
-    const auto at = [&](int j) { return values(j - 1) - 2.0 * values(j) + values(j + 1); };
-    return 0.5 * (at(std::max(node, first + 1)) + at(std::min(node + 1, last - 1)));
-}
-// The part of it that a straight line through the values is above their curve on the mean.
-constexpr double ABOVE_MEAN = 1.0 / 12.0;
 
 // The prediction of the free antenna.
 void predict_free(const Rig& rig, const Frame& frame, Bent& bent, Fit& fit);

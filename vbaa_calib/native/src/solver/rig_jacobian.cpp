@@ -289,19 +289,6 @@ void fill_between_samples(const std::vector<int>& vectors, int kept, Matrix rows
     }
 }
 
-void keep_means(const std::vector<int>& vectors, int kept, Matrix rows) {
-    Lanes values[NODES];
-    for (int each : vectors) {
-        for (int j = 0; j < NODES; ++j) values[j] = load(&rows(j, each * LANES));
-        for (int j = 0; j < NODES; ++j) {
-            const Lanes above = ABOVE_MEAN * second_difference([&](int k) { return values[k]; }, j);
-            double* to = &rows(j, each * LANES);
-            store(to, values[j] - above);
-            for (int k = 0; each == 0 && k < kept; ++k) to[k] = values[j][k];
-        }
-    }
-}
-
 void rig_derivatives(const Rig& rig, const Frame& frame, int rung, Bent& bent, const Fit& fit) {
     rung = std::max<int>(rung, LINEAR);
     const TipAxis end = fitted_tip_axis(rig, frame, fit);
@@ -331,10 +318,6 @@ void rig_jacobian(const Rig& rig, const Frame& frame, int rung, Bent& bent, Fit&
         for (int k = 0; k < rig.shared; ++k) fit.reading_columns(reading, UNKNOWNS + k) *= frame.available[reading];
     }
     by_line(rig, fit);
-    int clamp = 0;
-    for (const Camera& camera : rig.cameras) {
-        keep_means(camera.vectors, UNKNOWNS, fit.columns.view().part(std::exchange(clamp, clamp + NODES), NODES));
-    }
 }
 
 }  // namespace vbaa::solver

@@ -14,10 +14,6 @@ void rig_derivatives(const Rig& rig, const Frame& frame, int rung, Bent& bent, c
 // `kept` ones of the first.
 void fill_between_samples(const std::vector<int>& vectors, int kept, Matrix rows);
 
-// Rows (NODES, K) of a picture as those between which straight lines keep the columns' means, in some vectors of
-// columns, but for `kept` ones of the first.
-void keep_means(const std::vector<int>& vectors, int kept, Matrix rows);
-
 // The fit's columns along the rig's axes, on one rung, about the fit's prediction.
 void rig_jacobian(const Rig& rig, const Frame& frame, int rung, Bent& bent, Fit& fit);
 

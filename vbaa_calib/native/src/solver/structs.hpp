@@ -23,10 +23,10 @@ constexpr int UNKNOWNS = 4;
 constexpr int POSES = 6, ANTENNA = 9;                          // parameters of the camera's pose and of the antenna
 constexpr int NODES = antenna::CURVE_NODES, LAST = NODES - 1;  // of a curve, and the tip's
 constexpr int WIDE_NODES = whole_lanes(NODES);
-// Nodes at which derivatives by the rig are computed: every second, the contact and both ends among them. What is
+// Nodes at which derivatives by the rig are computed: every third, the contact and both ends among them. What is
 // between is a cubic.
 struct Samples {
-    static constexpr int every = 2, count = LAST / every + 1;
+    static constexpr int every = 3, count = LAST / every + 1;
 };
 static_assert(CONTACT % Samples::every == 0 && LAST % Samples::every == 0);
 // Readings of a frame: those that every rig may have, then those of a sensor of more axes.

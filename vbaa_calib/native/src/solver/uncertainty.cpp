@@ -84,26 +84,25 @@ void reading_std(const Fit& fit, const std::array<double, READINGS>& fitted, Unc
     }
 }
 
-// Difference between the predictions of a lane's shape of the antenna and the fit's, into a column.
-void compare(const Rig& rig, const Frame& frame, const Fit& fit, const Bent& bent, int lane, int column,
-             Changes& changes) {
+// Difference between the predictions of another shape of the antenna and the fit's, into a column.
+void compare(const Rig& rig, const Frame& frame, const Fit& fit, const Bent& bent, int column, Changes& changes) {
     const double sign = changes.sign;
     for (int j = 0; j < fit.nodes; ++j) {
-        const double u = bent.u(j, lane) - fit.u[j], v = bent.v(j, lane) - fit.v[j];
+        const double u = bent.u(j, 0) - fit.u[j], v = bent.v(j, 0) - fit.v[j];
         changes.shift(j, column) = sign * (u * fit.normal_u[j] + v * fit.normal_v[j]);
     }
-    const ClampWrench wrench = clamp_wrench(rig, frame, bent, lane);
+    const ClampWrench wrench = clamp_wrench(rig, frame, bent, 0);
     for (int k = 0; k < rig.readings; ++k) {
         const double apart = read_by(rig.by_wrench[k], wrench) - frame.reading[k] / rig.std[k];
         changes.reading[k][column] = sign * (apart * frame.available[k] + fit.predicted_residual[k]);
     }
     const TipAxis end = fitted_tip_axis(rig, frame, fit);
     const int tip = frame.tip_clamp + LAST;
-    const double along = (bent.u(tip, lane) - fit.u[tip]) * end.u + (bent.v(tip, lane) - fit.v[tip]) * end.v;
+    const double along = (bent.u(tip, 0) - fit.u[tip]) * end.u + (bent.v(tip, 0) - fit.v[tip]) * end.v;
     changes.reading[END][column] = sign * along * frame.available[END];
     for (int axis = 0; axis < 3; ++axis) {
-        changes.touch[axis][column] = sign * (bent.points_m[axis][CONTACT][lane] - fit.point_force[axis]);
-        changes.touch[3 + axis][column] = sign * (bent.force_N[axis][lane] - fit.point_force[3 + axis]);
+        changes.touch[axis][column] = sign * (bent.points_m[axis][CONTACT][0] - fit.point_force[axis]);
+        changes.touch[3 + axis][column] = sign * (bent.force_N[axis][0] - fit.point_force[3 + axis]);
     }
 }
 
@@ -130,16 +129,10 @@ Changes changes_by_shape(const Rig& rig, const Frame& frame, int rung, const Fit
     Changes changes(rung == REFERENCE ? -1.0 : 1.0, fit.nodes);
     lay(rig, bent, fit.unknowns);
     if (rung == REFERENCE) {
-        bend_and_see(rig, frame, ELASTICA, bent, false);
-        compare(rig, frame, fit, bent, 0, ELASTICA, changes);
-        // the paper's beam is the linear one without weight, bow, clamp's errors and friction: a lane of the same
-        constexpr int log_stiffness = 6, log_mass = 7;
-        for (int k = 0; k < ANTENNA; ++k) {
-            if (k != log_stiffness) bent.parameters[k][PAPER] = k == log_mass ? -INFINITE : 0.0;
+        for (int lower = 0; lower < REFERENCE; ++lower) {
+            bend_and_see(rig, frame, lower, bent, false);
+            compare(rig, frame, fit, bent, lower, changes);
         }
-        bent.friction_rad[PAPER] = 0.0;
-        bend_and_see(rig, frame, LINEAR, bent, false);
-        for (int lower : {PAPER, LINEAR}) compare(rig, frame, fit, bent, lower, lower, changes);
         if (!(rig.friction_rad > 0.0)) return changes;
         constexpr int FRICTION = UNKNOWNS - 1;
         for (int j = 0; j < fit.nodes; ++j) changes.shift(j, BY_FRICTION) = fit.columns(j, FRICTION);
@@ -148,11 +141,11 @@ Changes changes_by_shape(const Rig& rig, const Frame& frame, int rung, const Fit
         return changes;
     }
     bend_and_see(rig, frame, REFERENCE, bent, false);
-    compare(rig, frame, fit, bent, 0, rung, changes);
+    compare(rig, frame, fit, bent, rung, changes);
     if (rung < ELASTICA && rig.friction_rad > 0.0) {
         store(bent.friction_rad, spread((fit.unknowns[UNKNOWNS - 1] + 1.0) * rig.friction_rad));
         bend_and_see(rig, frame, REFERENCE, bent, false);
-        compare(rig, frame, reference, bent, 0, BY_FRICTION, changes);
+        compare(rig, frame, reference, bent, BY_FRICTION, changes);
     }
     return changes;
 }
