@@ -625,6 +625,7 @@ def _others_explained(case: Case) -> Iterator[Explanation[Case]]:
 
 
 def _put_right(row: Change, values: np.ndarray, recorded: Recorded) -> Recorded | None:
+    """The recording with an offset (K,) of a row taken out; None where it cannot be."""
     return None if row.changed is None else row.changed(values, recorded)
 
 
@@ -749,8 +750,7 @@ def _bottom(
     cost: Callable[[np.ndarray], float], values: np.ndarray, here: float, step: float
 ) -> tuple[np.ndarray, np.ndarray | None] | None:
     """The way (K,) to the bottom of a parabola through costs a step around some values, and its second derivatives
-    (K, K) per step; a step downhill where it has no bottom, and None; None where there is
-    no cost."""
+    (K, K) per step; a step downhill where it has no bottom, and None; None where there is no cost."""
     ways = step * np.eye(len(values))
     low, high = (np.array([cost(values + sign * way) for way in ways]) for sign in (-1.0, 1.0))
     if not np.isfinite([here, *low, *high]).all():
