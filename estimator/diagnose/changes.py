@@ -343,9 +343,10 @@ def _descended(
     for turn in range(settings.iterations):
         try:
             now = changed(steps) if steps.any() else case.recorded
-        except VbaaError:
-            break  # no such lens
-        together = weighed(now.fit, case.best, case.scale, axes, None if turn else free)
+            fit = now.fit
+        except (VbaaError, np.linalg.LinAlgError):
+            break  # no such lens, or a rig so far off that it predicts nothing finite
+        together = weighed(fit, case.best, case.scale, axes, None if turn else free)
         information, score = together.about_others(by)
         unit = information + np.eye(len(steps))
         if not np.isfinite(unit).all():
