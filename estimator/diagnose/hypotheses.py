@@ -490,26 +490,27 @@ def _gravity_turned(values: np.ndarray, recorded: Recorded) -> Recorded | None:
     return recorded.with_rig(replace(rig, gravity_world_m_s2=gravity)) if gravity.any() else None
 
 
+def _lagged_by(which: slice, values: np.ndarray, recorded: Recorded) -> Recorded | None:
+    """Hypothesis of `_lagged` readings, by values (1,) in rows."""
+    return _lagged(which, float(values[0]), recorded)
+
+
 ERRORS = (
-    Change(
-        "clock_offset",
-        {"rows": RecordingSettings.lag_step},
-        "the readings are {} their pictures: the clocks differ",
-        "take stamps of one clock, unfiltered, or give --clock-offset",
-        "s",
-        starts=tuple(range(1, RecordingSettings.lag_most + 1)),
-        changed=lambda rows, recorded: _lagged(slice(None), float(rows[0]), recorded),
-        part="",
-    ),
-    Change(
-        "moment_late",
-        {"rows": RecordingSettings.lag_step},
-        "the moments are {} their pictures: the sensor's delay or clock",
-        "take stamps of one clock, unfiltered, or give --clock-offset",
-        "s",
-        starts=tuple(range(1, RecordingSettings.lag_most + 1)),
-        changed=lambda rows, recorded: _lagged(slice(-2), float(rows[0]), recorded),
-        part="",
+    *(
+        Change(
+            name,
+            {"rows": RecordingSettings.lag_step},
+            f"the {words}",
+            "take stamps of one clock, unfiltered, or give --clock-offset",
+            "s",
+            starts=tuple(range(1, RecordingSettings.lag_most + 1)),
+            changed=partial(_lagged_by, which),
+            part="",
+        )
+        for name, words, which in (
+            ("clock_offset", "readings are {} their pictures: the clocks differ", slice(None)),
+            ("moment_late", "moments are {} their pictures: the sensor's delay or clock", slice(-2)),
+        )
     ),
     Change(
         "joint_offset",
